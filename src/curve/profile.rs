@@ -1,0 +1,1 @@
+//! The radius along a curve.

@@ -1,0 +1,46 @@
+//! A scene compiled for evaluation: spans of polynomials, narrowed to a block of voxels, and the one density kernel.
+//!
+//! # What the density is
+//!
+//! A tube maps a world point p to cylinder coordinates (u, v, l) by way of its *feet*: the points C(t) of the axis where
+//! the distance |C(t) - p| has a local minimum inside a segment, so `(C - p) . C' = 0`. For each foot, with T, N, B the
+//! frame there (curve module), s its arc length, L the length of the whole curve and r the radius at s / L:
+//!
+//! ```text
+//! phi = 2 pi (twist s / L + spin time)
+//! U   =  N cos(phi) + B sin(phi)          V = -N sin(phi) + B cos(phi)
+//! u   = (p - C) . U / r                   v = (p - C) . V / r
+//! l   = s / L where the scene says stretch, else s
+//! q   = u^2 + v^2 + w^2                   w = 0 at a foot inside the curve
+//! ```
+//!
+//! The foot counts where q <= 1. Where the radius is below 1e-6 of the tube's largest there is no tube. Beyond an end of
+//! the curve a foot exists only with round caps: there p's nearest point is the end E with its tangent T, U, V and r; u
+//! and v are as above with C = E, and `w = (p - E) . T / r`. At a corner, where two segments meet with different
+//! tangents T1 and T2, the points beyond the end of the first and before the start of the second have the corner E as
+//! their foot: p - E is turned about `T1 x T2` into the plane normal to T1 and u and v are taken there (so w = 0, and
+//! the coordinates are continuous on both sides; the frame of the second segment is the first's turned from T1 to T2).
+//!
+//! ```text
+//! contribution = focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)
+//! density      = max(0, largest contribution over all feet of all tubes)
+//! ```
+//!
+//! - `1 - kappa rho cos = ((C - p) . C'' + |C'|^2) / |C'|^2` is 1 on the axis and 0 where feet meet and vanish;
+//!   `focal(x) = smoothstep(0, 0.2, x)` removes the jump there (1 at ends and corners).
+//! - `radial(x)`: smooth `(1 - x^2)^2`, linear `1 - x`, hard 1, edge(w) `1 - smoothstep(1 - w, 1, x)`.
+//! - `axial(x)` with faded caps over the fraction f: `smoothstep(0, f, x) * smoothstep(0, f, 1 - x)`; else 1.
+//! - `layers`: from the value 1, each layer in order joins `multiplier * pattern`, or with a threshold
+//!   `multiplier * max(0, pattern - threshold)`, by product, sum, max or min.
+//! - `smoothstep(a, b, x)` is `t^2 (3 - 2 t)` with t = (x - a) / (b - a) clamped to [0, 1].
+//!
+//! Octave k of a noise layer is weighted by `1 - smoothstep(log2 0.7, log2 1.6, log2 x_k)` when octaves fade, where
+//! `x_k = h lac^k sigma` is in lattice cells per voxel of edge h, and sigma is the larger singular value of
+//!
+//! ```text
+//! [ F / r   2 pi twist F sqrt(q) / L ]        F = max(f_u, f_v)
+//! [ 0       f_l dl/ds                ]        dl/ds = 1 / L where stretched, else 1
+//! ```
+//!
+//! the rate at which the pattern's coordinates change across and along the tube; bending and the slope of the radius are
+//! left out of it. A normalised sum is divided by the sum of all gain^k, faded or not.

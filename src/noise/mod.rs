@@ -1,0 +1,27 @@
+//! Improved Perlin noise (Perlin, "Improving noise", 2002) over an integer hash, and fractal sums of it.
+//!
+//! # Definition
+//!
+//! All integers are `u32` and wrap. For lattice corner (i, j, k), each taken modulo 2^32, and a seed e:
+//!
+//! ```text
+//! a = i * 0x9E3779B1 ^ e      b = j * 0x85EBCA77      c = k * 0xC2B2AE3D
+//! a ^= a >> 16                b ^= b >> 16            c ^= c >> 16
+//! h = (a ^ b ^ c) * 0x27D4EB2F
+//! ```
+//!
+//! The gradient is one of the twelve edges of the cube. With h read as a signed number, the pair of axes is
+//! (x, y) below -715827882, (y, z) above 715827882, and (x, z) between; bit 22 of h set negates the pair's first
+//! component, bit 21 its second. Twelve edges of equal weight leave no axis preferred, as the usual sixteen-entry table
+//! does. The noise is the sum over the eight corners of gradient . (p - corner), blended by the quintic
+//! `6 t^5 - 15 t^4 + 10 t^3` along each axis. It is not rescaled: |n| <= 1.03635381.
+//!
+//! Octave k of a fractal sum with seed s takes `n(f lac^k (u, v, l) - scroll lac^k time + o_k; e_k) * gain^k`, where
+//! f is the layer's frequency, and
+//!
+//! ```text
+//! mix(x): x ^= x >> 16; x *= 0x7FEB352D; x ^= x >> 15; x *= 0x846CA68B; x ^= x >> 16
+//! e_k = mix(s * 0x9E3779B9 + 4 k)      o_k[axis] = mix(s * 0x9E3779B9 + 4 k + 1 + axis) / 2^32
+//! ```
+//!
+//! so that octaves neither repeat each other nor share a zero at the origin.

@@ -1,0 +1,222 @@
+//! Scene text to a [`Scene`], which cannot be invalid.
+//!
+//! [`Scene::parse`] is the only way to make one. Everything after it can rely on what is stated here: every number is
+//! finite and inside the range written beside it, every curve has a length, every name is unique.
+
+use crate::curve::{Curve, FrameRule, Profile};
+
+/// A valid scene.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    pub(crate) name: String,
+    pub(crate) bake: Bake,
+    pub(crate) time: TimeBase,
+    pub(crate) tubes: Vec<Tube>,
+    pub(crate) medium: Medium,
+    pub(crate) camera: Camera,
+    pub(crate) lights: Vec<Light>,
+    pub(crate) text: String,
+}
+
+/// What the command line may override.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bake {
+    /// How the voxel size is chosen.
+    pub step: Step,
+    /// Voxels whose density is at or below this are left inactive, at least 0.
+    pub cutoff: f64,
+    /// Whether octaves too fine for the voxel fade out.
+    pub octave_fade: bool,
+}
+
+/// How the voxel size is chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Step {
+    /// Voxels along the longest side of the density's bounds, at least 1.
+    Resolution(u32),
+    /// Edge of a voxel in metres, above 0.
+    VoxelSize(f64),
+}
+
+/// Frames and seconds: frame `start` is time 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeBase {
+    /// Frames a second, above 0.
+    pub fps: f64,
+    /// The frame at time 0.
+    pub start: i64,
+}
+
+/// A cylinder of radius 1 bent along a curve.
+#[derive(Debug, Clone)]
+pub struct Tube {
+    /// Unique among the scene's tubes.
+    pub name: String,
+    /// The axis.
+    pub curve: Curve,
+    /// Radius in metres over the fraction of the arc length.
+    pub radius: Profile,
+    /// Turns from end to end, right-handed about the tangent.
+    pub twist: f64,
+    /// Turns a second.
+    pub spin: f64,
+    /// Whether the height l in the cylinder is s/L (true) or the arc length s in metres (false).
+    pub stretch: bool,
+    /// The frame that carries the cylinder's cross-section along the curve.
+    pub frame: FrameRule,
+    /// What happens at the two ends.
+    pub caps: Caps,
+    /// Density against the distance to the axis.
+    pub radial: Radial,
+    /// Layers, combined in order.
+    pub layers: Vec<Layer>,
+}
+
+/// What happens at the ends of a tube.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Caps {
+    /// Cut by the plane normal to the curve.
+    Flat,
+    /// Cut likewise, and faded by a smoothstep over this fraction of the length at each end, in (0, 0.5].
+    Fade(f64),
+    /// Half a ball at each end.
+    Round,
+}
+
+/// Density against the distance to the axis as a fraction x of the radius.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Radial {
+    /// `(1 - x^2)^2`: smooth in the middle, and to first order at the surface.
+    Smooth,
+    /// `1 - x`.
+    Linear,
+    /// 1 up to the surface.
+    Hard,
+    /// 1, falling to 0 by a smoothstep over this outermost fraction of the radius, in (0, 1].
+    Edge(f64),
+}
+
+/// One term of a tube's density.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layer {
+    /// How the term joins what the layers before it gave.
+    pub op: Op,
+    /// The pattern.
+    pub pattern: Pattern,
+    /// Where given, a pattern value n becomes `max(0, n - threshold)`.
+    pub threshold: Option<f64>,
+    /// Factor on the pattern's value after the threshold.
+    pub multiplier: f64,
+}
+
+/// How a layer joins what came before it; before the first layer stands the value 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Op {
+    /// Product.
+    Multiply,
+    /// Sum.
+    Add,
+    /// The larger.
+    Max,
+    /// The smaller.
+    Min,
+}
+
+/// A pattern over cylinder coordinates (u, v, l).
+#[derive(Debug, Clone, PartialEq)]
+pub enum Pattern {
+    /// The same value everywhere.
+    Constant(f64),
+    /// The four quarters of the cross-section: 1 where u v > 0, else 0.
+    Sectors,
+    /// A fractal sum of improved Perlin noise.
+    Perlin(Fbm),
+}
+
+/// Parameters of a fractal sum of noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fbm {
+    /// Lattice cells per unit of (u, v, l) in the first octave, each at least 0.
+    pub frequency: [f64; 3],
+    /// Number of octaves, 0 to 32.
+    pub octaves: u32,
+    /// Ratio of frequency from octave to octave, above 0.
+    pub lacunarity: f64,
+    /// Ratio of amplitude from octave to octave, at least 0.
+    pub gain: f64,
+    /// Whether the sum is divided by the sum of the amplitudes.
+    pub normalise: bool,
+    /// Chooses the lattice's gradients.
+    pub seed: u32,
+    /// Motion of the pattern along (u, v, l), first-octave cells a second.
+    pub scroll: [f64; 3],
+}
+
+/// What the density means to light. Baking does not read it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Medium {
+    /// Extinction per metre at density 1, at least 0.
+    pub extinction: f64,
+    /// Scattered fraction of the extinction, 0 to 1.
+    pub albedo: f64,
+    /// Henyey-Greenstein mean cosine, within -0.999 to 0.999.
+    pub anisotropy: f64,
+}
+
+/// A view of the scene; absent parts are framed to the bounds. Baking does not read it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Camera {
+    /// Where the eye is, in metres.
+    pub position: Option<[f64; 3]>,
+    /// The point it looks at, in metres.
+    pub look_at: Option<[f64; 3]>,
+    /// Full horizontal angle of view in degrees, above 0 and below 180.
+    pub fov: Option<f64>,
+}
+
+/// A light. Baking does not read it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Light {
+    /// Parallel light that travels along `direction`, of length 1.
+    Sun {
+        /// The way the light travels.
+        direction: [f64; 3],
+        /// Irradiance on a plane across the beam, linear red, green and blue, each at least 0.
+        irradiance: [f64; 3],
+    },
+}
+
+impl Scene {
+    /// The scene's name, which names the file it is baked to.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// What the command line may override.
+    pub fn bake(&self) -> &Bake {
+        &self.bake
+    }
+    /// Frames and seconds.
+    pub fn time(&self) -> TimeBase {
+        self.time
+    }
+    /// The tubes, in the order of the text.
+    pub fn tubes(&self) -> &[Tube] {
+        &self.tubes
+    }
+    /// What the density means to light.
+    pub fn medium(&self) -> Medium {
+        self.medium
+    }
+    /// A view of the scene.
+    pub fn camera(&self) -> Camera {
+        self.camera
+    }
+    /// The lights, in the order of the text.
+    pub fn lights(&self) -> &[Light] {
+        &self.lights
+    }
+    /// The text that the scene was read from.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+}
