@@ -16,12 +16,12 @@
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
 
-pub mod cli;
-pub mod curve;
-pub mod field;
-pub mod formats;
+//WIP pub mod cli;
+//WIP pub mod curve;
+//WIP pub mod field;
+//WIP pub mod formats;
 pub mod noise;
 pub mod num;
-pub mod reference;
-pub mod scene;
-pub mod volume;
+//WIP pub mod reference;
+//WIP pub mod scene;
+//WIP pub mod volume;

@@ -44,3 +44,74 @@
 //!
 //! the rate at which the pattern's coordinates change across and along the tube; bending and the slope of the radius are
 //! left out of it. A normalised sum is divided by the sum of all gain^k, faded or not.
+//!
+//! # How it is evaluated
+//!
+//! [`Field::compile`] cuts every axis into *spans* on which the twisted frame over the radius, and the arc length, are
+//! polynomials of degree 5 to within 3e-7. [`Field::cover`] lists short capsules that hold all of the density, for the
+//! plan. [`Field::narrow`] takes the parts of the axis whose capsules reach a block of voxels, proves in f64 which of
+//! them can hold feet of its voxels and whether they hold at most one for each, and leaves a [`Region`]: polynomials
+//! re-centred on the block, so that single precision suffices wherever the block lies and however large the scene is.
+//! [`kernel`] then works through all voxels of the block.
+
+mod cover;
+mod explain;
+pub mod kernel;
+mod narrow;
+mod region;
+mod span;
+mod tube;
+
+use glam::DVec3;
+
+pub use cover::Capsule;
+pub use narrow::Candidate;
+pub use region::Region;
+
+use crate::scene::Scene;
+use tube::Tube;
+
+/// The cubic arrangement of voxels: voxel i along an axis is the cell from `i h` to `(i + 1) h` and its sample is the
+/// cell's centre. The lattice hangs from the world's origin, so that two bakes of one voxel size line up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lattice {
+    /// Edge of a voxel in metres.
+    pub voxel_size: f64,
+}
+
+/// Voxels along an edge of a block.
+pub const EDGE: usize = 8;
+/// Voxels in a block.
+pub const VOXELS: usize = EDGE * EDGE * EDGE;
+
+/// A scene at one time, compiled for evaluation.
+#[derive(Debug, Clone)]
+pub struct Field {
+    tubes: Vec<Tube>,
+    octave_fade: bool,
+}
+
+impl Field {
+    /// Compiles the scene as it is `time` seconds after its start frame. Stages that it does not use are left out.
+    pub fn compile(scene: &Scene, time: f64) -> Field {
+        let tubes = scene.tubes().iter().map(|tube| Tube::compile(tube, time)).collect();
+        Field { tubes, octave_fade: scene.bake().octave_fade }
+    }
+
+    /// Corners of the box around the density, in metres; `None` where there is none.
+    ///
+    /// It is the box of the discs of radius r across the axis, and of the balls at round ends, found by sampling: within
+    /// 1e-3 of a radius of the exact one.
+    pub fn bounds(&self) -> Option<[DVec3; 2]> {
+        let mut bounds: Option<[DVec3; 2]> = None;
+        for tube in &self.tubes {
+            if let Some([lo, hi]) = tube.bounds() {
+                bounds = Some(match bounds {
+                    None => [lo, hi],
+                    Some([a, b]) => [a.min(lo), b.max(hi)],
+                });
+            }
+        }
+        bounds
+    }
+}

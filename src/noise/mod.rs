@@ -25,3 +25,15 @@
 //! ```
 //!
 //! so that octaves neither repeat each other nor share a zero at the origin.
+//!
+//! # Precision
+//!
+//! A lattice coordinate is a whole cell, held modulo 2^32, and a remainder beside it. Kernels add the coordinate's
+//! change across a block, which is small, to the remainder: an error of single precision then does not grow with the
+//! distance from the origin. The pattern repeats after 2^32 cells.
+
+mod fractal;
+mod perlin;
+
+pub use fractal::{BAND, Octave, band_weight, octave_offset, octave_seed};
+pub use perlin::{BOUND, perlin};

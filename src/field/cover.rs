@@ -1,0 +1,224 @@
+//! Short capsules that hold all of the density, and the blocks that each can reach.
+
+use glam::DVec3;
+
+use super::tube::{PointKind, Tube};
+use super::{EDGE, Field, Lattice};
+use crate::curve::Segment;
+
+/// Half the distance between the first and the last voxel centre along a block's edge, in voxels.
+pub(crate) const REACH: f64 = 3.5;
+
+/// A short piece of one tube's axis, or one of its end or corner points, with the radius around it.
+#[derive(Debug, Clone, Copy)]
+pub struct Capsule {
+    /// Index of the tube.
+    pub(crate) tube: u32,
+    /// Index of the segment; of the point, for points.
+    pub(crate) part: u32,
+    /// Interval of t; empty for points.
+    pub(crate) t: [f64; 2],
+    pub(crate) radius: f64,
+    pub(crate) is_point: bool,
+}
+
+/// A cover would hold more capsules than this: the voxel is far too small for the scene.
+const MOST_CAPSULES: usize = 1 << 24;
+
+impl Field {
+    /// Capsules that hold all of the density, in the order of the tubes and along them; `None` where there would be more
+    /// than 2^24 of them.
+    pub fn cover(&self, lattice: Lattice) -> Option<Vec<Capsule>> {
+        let mut capsules = Vec::new();
+        for (index, tube) in self.tubes.iter().enumerate() {
+            let index = u32::try_from(index).ok()?;
+            for (part, spans) in tube.spans.iter().enumerate() {
+                let part = u32::try_from(part).ok()?;
+                for span in spans {
+                    cover(tube, index, part, span.core, lattice.voxel_size, &mut capsules)?;
+                }
+            }
+            for (part, point) in tube.points.iter().enumerate() {
+                let (part, radius) = (u32::try_from(part).ok()?, point.section.radius);
+                capsules.push(Capsule { tube: index, part, t: [0.0; 2], radius, is_point: true });
+            }
+        }
+        Some(capsules)
+    }
+
+    /// About how many blocks the density reaches: the volume of the tubes, grown by a block's radius, over a block's.
+    pub fn estimate_blocks(&self, lattice: Lattice) -> f64 {
+        let h = lattice.voxel_size;
+        let grow = REACH * 3.0_f64.sqrt();
+        let mut blocks = 0.0;
+        for tube in &self.tubes {
+            for (index, spans) in tube.spans.iter().enumerate() {
+                for span in spans {
+                    let arc = span.core.map(|t| tube.curve.arc_length(index, t));
+                    let x = arc.map(|s| s / tube.curve.length());
+                    let (low, high) = tube.profile.range(x[0], x[1]);
+                    let radius = 0.5 * (low + high) / h + grow;
+                    blocks += std::f64::consts::PI * radius * radius * ((arc[1] - arc[0]) / h) / 512.0;
+                }
+            }
+        }
+        blocks
+    }
+}
+
+/// Halves the interval until a piece is about a block long.
+fn cover(tube: &Tube, index: u32, part: u32, t: [f64; 2], h: f64, out: &mut Vec<Capsule>) -> Option<()> {
+    if out.len() >= MOST_CAPSULES {
+        return None;
+    }
+    let segment = part as usize;
+    let arc = t.map(|t| tube.curve.arc_length(segment, t));
+    let middle = 0.5 * (t[0] + t[1]);
+    #[allow(clippy::cast_precision_loss, reason = "eight")]
+    if arc[1] - arc[0] > 1.25 * EDGE as f64 * h && middle > t[0] && middle < t[1] {
+        cover(tube, index, part, [t[0], middle], h, out)?;
+        return cover(tube, index, part, [middle, t[1]], h, out);
+    }
+    let x = arc.map(|s| s / tube.curve.length());
+    let radius = tube.profile.range(x[0], x[1]).1;
+    out.push(Capsule { tube: index, part, t, radius, is_point: false });
+    Some(())
+}
+
+/// Bounds of a segment's derivatives over an interval.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reach {
+    pub(crate) half: f64,
+    pub(crate) centre: DVec3,
+    pub(crate) d1: DVec3,
+    pub(crate) d2: DVec3,
+    /// Largest |C'|, |C''| and |C'''| on the interval.
+    pub(crate) speed: f64,
+    pub(crate) bend: f64,
+    pub(crate) third: f64,
+}
+
+impl Reach {
+    /// Of a point.
+    pub(crate) fn still(centre: DVec3) -> Reach {
+        Reach { half: 0.0, centre, d1: DVec3::ZERO, d2: DVec3::ZERO, speed: 0.0, bend: 0.0, third: 0.0 }
+    }
+
+    pub(crate) fn new(segment: &Segment, t: [f64; 2]) -> Reach {
+        let (middle, half) = (0.5 * (t[0] + t[1]), 0.5 * (t[1] - t[0]));
+        let (d1, d2, third) = (segment.d1(middle), segment.d2(middle), segment.d3().length());
+        Reach {
+            half,
+            centre: segment.at(middle),
+            d1,
+            d2,
+            speed: d1.length() + half * d2.length() + 0.5 * half * half * third,
+            bend: d2.length() + half * third,
+            third,
+        }
+    }
+
+    /// Whether certainly no voxel centre of the block around `o` is within `radius` of the interval.
+    pub(crate) fn is_far(&self, o: DVec3, half_edge: f64, radius: f64) -> bool {
+        // The interval stays this close to the straight piece `centre +- half d1`.
+        let reach = radius + 0.5 * self.half * self.half * self.bend;
+        let (to_block, along) = (o - self.centre, self.d1 * self.half);
+        let outside = (to_block.abs() - along.abs() - DVec3::splat(half_edge)).max(DVec3::ZERO);
+        if outside.length_squared() > reach * reach {
+            return true;
+        }
+        let squared = along.length_squared();
+        let nearest = if squared > 0.0 { (to_block.dot(along) / squared).clamp(-1.0, 1.0) } else { 0.0 };
+        let ball = reach + half_edge * 3.0_f64.sqrt();
+        (to_block - along * nearest).length_squared() > ball * ball
+    }
+
+    /// Largest |g'| over the interval and the block, where `g(t) = (C(t) - p) . C'(t)`.
+    pub(crate) fn slope(&self, distance: f64) -> f64 {
+        self.speed * self.speed + (distance + self.half * self.speed) * self.bend
+    }
+}
+
+/// Half the extent of the block along `v`, for half edges of 1.
+pub(crate) fn support(v: DVec3) -> f64 {
+    v.x.abs() + v.y.abs() + v.z.abs()
+}
+
+impl Capsule {
+    /// Calls `visit` with the coordinates, in blocks, of every block in which a voxel may have its foot here.
+    ///
+    /// Complete: every voxel within the radius of a foot in this interval, or of the point on its outer side, lies in a
+    /// visited block. Visits no block twice.
+    pub fn blocks(&self, field: &Field, lattice: Lattice, mut visit: impl FnMut([i64; 3])) {
+        let tube = &field.tubes[self.tube as usize];
+        let h = lattice.voxel_size;
+        let half_edge = REACH * h;
+        let (reach, normal, slack) = if self.is_point {
+            let section = &tube.points[self.part as usize].section;
+            (Reach::still(section.centre), DVec3::ZERO, 0.0)
+        } else {
+            let reach = Reach::new(&tube.curve.segments()[self.part as usize], self.t);
+            // A voxel within the radius of a foot in the interval is this far from the interval's middle at most.
+            let distance = self.radius + reach.half * reach.speed;
+            (reach, reach.d1, reach.half * reach.slope(distance) * (1.0 + 1e-9))
+        };
+        let extent = self.radius + reach.half * reach.speed + half_edge;
+        walk(reach.centre, extent, normal, slack + half_edge * support(normal), 8.0 * h, |block, o| {
+            let keep = !reach.is_far(o, half_edge, self.radius) && self.faces(tube, o, half_edge);
+            if keep {
+                visit(block);
+            }
+        });
+    }
+
+    /// For points: whether the block has voxels on the side where the point is their foot.
+    pub(crate) fn faces(&self, tube: &Tube, o: DVec3, half_edge: f64) -> bool {
+        if !self.is_point {
+            return true;
+        }
+        let point = &tube.points[self.part as usize];
+        let beyond = |v: DVec3| (o - point.section.centre).dot(v) + half_edge * support(v) >= 0.0;
+        match point.kind {
+            PointKind::End(outward) => beyond(outward),
+            PointKind::Corner(next) => beyond(point.section.tangent) && beyond(-next),
+        }
+    }
+}
+
+/// Visits blocks of edge `edge` whose centre lies within `extent` of `centre` along every axis and within `slack` of the
+/// plane through `centre` across `normal` (measured as `|(o - centre) . normal|`), row by row along the normal's largest
+/// component, so that a thin slab of a wide disc costs its own size only.
+#[allow(clippy::cast_possible_truncation, reason = "block coordinates are checked to fit before bricks are planned")]
+fn walk(centre: DVec3, extent: f64, normal: DVec3, slack: f64, edge: f64, mut visit: impl FnMut([i64; 3], DVec3)) {
+    let along = normal.abs().max_position();
+    let (first, second) = ((along + 1) % 3, (along + 2) % 3);
+    // Block b is centred at (b + 1/2) edge.
+    let range = |axis: usize| {
+        let place = centre[axis] / edge - 0.5;
+        ((place - extent / edge).floor() as i64, (place + extent / edge).ceil() as i64)
+    };
+    let place = |b: i64| (b as f64 + 0.5) * edge;
+    let whole = range(along);
+    let steepness = normal[along];
+    for i in range(first).0..=range(first).1 {
+        for j in range(second).0..=range(second).1 {
+            let mut o = DVec3::ZERO;
+            o[first] = place(i);
+            o[second] = place(j);
+            let (mut low, mut high) = whole;
+            if steepness != 0.0 {
+                let rest = (o[first] - centre[first]) * normal[first] + (o[second] - centre[second]) * normal[second];
+                let ends = [(-slack - rest) / steepness, (slack - rest) / steepness];
+                let to_block = |x: f64| (centre[along] + x) / edge - 0.5;
+                low = low.max(to_block(ends[0].min(ends[1])).floor() as i64);
+                high = high.min(to_block(ends[0].max(ends[1])).ceil() as i64);
+            }
+            for k in low..=high {
+                o[along] = place(k);
+                let mut block = [0; 3];
+                (block[first], block[second], block[along]) = (i, j, k);
+                visit(block, o);
+            }
+        }
+    }
+}

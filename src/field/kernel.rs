@@ -1,0 +1,487 @@
+//! The density of a block of voxels: the one kernel, written over [`Real`].
+//!
+//! Each piece of a [`Region`] is worked through in three passes over the block, so that the first pass's chains of
+//! dependent operations overlap, and so that the last and dearest pass runs over full lanes only:
+//!
+//! 1. *feet*: the parameter of every voxel's foot;
+//! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
+//! 3. *layers*: the pattern over the packed voxels.
+
+use super::region::{FOOT, LayerKind, Piece, ROWS, Region, SECOND, Search, U, V};
+use super::{EDGE, VOXELS};
+use crate::noise::band_weight;
+use crate::num::poly::TERMS;
+use crate::num::{Real, Scalar};
+use crate::scene::{Op, Radial};
+
+/// Newton steps that every voxel gets.
+const STEPS: usize = 3;
+/// Steps after which a batch with a voxel that has not converged goes to bisection.
+const MOST_STEPS: usize = 9;
+/// Halvings of a piece: past the precision of `f32` over a piece of 32 voxels.
+const HALVINGS: usize = 26;
+/// Parameter of a voxel that has no foot in the piece.
+const NO_FOOT: f64 = 1e30;
+/// Scratch arrays are this long: packed stores write whole lanes.
+const ROOM: usize = VOXELS + 16;
+
+/// Memory for one thread's evaluation.
+#[derive(Debug, Clone)]
+pub struct Scratch<T> {
+    eta: Vec<T>,
+    u: Vec<T>,
+    v: Vec<T>,
+    height: Vec<T>,
+    weight: Vec<T>,
+    index: Vec<T>,
+    /// Radius and squared distance to the axis over it: only where octaves fade.
+    radius: Vec<T>,
+    q: Vec<T>,
+    numbers: Vec<T>,
+}
+
+impl<T: Scalar> Default for Scratch<T> {
+    fn default() -> Scratch<T> {
+        let room = || vec![T::default(); ROOM];
+        Scratch {
+            eta: room(),
+            u: room(),
+            v: room(),
+            height: room(),
+            weight: room(),
+            index: room(),
+            radius: room(),
+            q: room(),
+            numbers: (0..512_u16).map(|i| T::from_f64(f64::from(i))).collect(),
+        }
+    }
+}
+
+/// Writes the density at the centres of the block's voxels, z fastest, and returns how many lanes entered the search for
+/// feet.
+///
+/// Every value is at least 0; it is exactly 0 outside all tubes.
+#[inline(always)]
+pub fn evaluate<R: Real>(
+    token: R::Token,
+    region: &Region<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+    values: &mut [R::Scalar; VOXELS],
+) -> u64 {
+    let zero = R::Scalar::default();
+    for value in values.iter_mut() {
+        *value = zero;
+    }
+    for piece in &region.pieces {
+        match piece.search {
+            Search::Newton { cubic: false } => newton::<R, false>(token, piece, scratch),
+            Search::Newton { cubic: true } => newton::<R, true>(token, piece, scratch),
+            Search::Bracket { cubic: false } => bracket::<R, false>(token, piece, scratch),
+            Search::Bracket { cubic: true } => bracket::<R, true>(token, piece, scratch),
+            Search::End | Search::Corner => {}
+        }
+        let packed = match piece.search {
+            Search::End => at_point::<R, false>(token, piece, scratch),
+            Search::Corner => at_point::<R, true>(token, piece, scratch),
+            _ => coordinates::<R>(token, piece, scratch),
+        };
+        layers::<R>(token, region, piece, scratch, packed, values);
+    }
+    (region.pieces.len() * VOXELS) as u64
+}
+
+/// The rows of a piece's table along the block's batches of lanes: whole rows of z, one or two at a time.
+struct Rows<'a, R: Real> {
+    piece: &'a Piece<R::Scalar>,
+    /// Positions of the lanes within a batch, in y and z.
+    y: R,
+    z: R,
+    /// The table at the batch's first row.
+    first: [R::Scalar; ROWS],
+    /// What each lane adds to it.
+    lanes: [R; ROWS],
+}
+
+impl<'a, R: Real> Rows<'a, R> {
+    #[inline(always)]
+    fn new(token: R::Token, piece: &'a Piece<R::Scalar>, numbers: &[R::Scalar]) -> Rows<'a, R> {
+        let zero = R::constant(token, 0.0);
+        let number = R::load(token, numbers);
+        let y = if R::LANES > EDGE { (number * R::constant(token, 0.125)).floor() } else { zero };
+        let z = number - y * R::constant(token, 8.0);
+        let mut rows = Rows { piece, y, z, first: [R::Scalar::default(); ROWS], lanes: [zero; ROWS] };
+        rows.set_lanes(token);
+        rows
+    }
+
+    #[inline(always)]
+    fn set_lanes(&mut self, token: R::Token) {
+        for k in 0..ROWS {
+            let (y, z) = (R::splat(token, self.piece.slope[1][k]), R::splat(token, self.piece.slope[2][k]));
+            self.lanes[k] = self.y * y + self.z * z;
+        }
+    }
+
+    /// Moves to the batch that begins at voxel `index`.
+    #[inline(always)]
+    #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
+    fn go(&mut self, token: R::Token, index: usize) {
+        let (x, y) = (index / (EDGE * EDGE), (index / EDGE) % EDGE);
+        let x = R::Scalar::from_f64(x as f64 - 3.5);
+        let y = R::Scalar::from_f64(y as f64 - 3.5);
+        let z = R::Scalar::from_f64(-3.5);
+        for k in 0..ROWS {
+            let slope = [self.piece.slope[0][k], self.piece.slope[1][k], self.piece.slope[2][k]];
+            self.first[k] = self.piece.base[k] + slope[0] * x + slope[1] * y + slope[2] * z;
+        }
+        if R::LANES < EDGE {
+            self.z = R::constant(token, (index % EDGE) as f64);
+            self.set_lanes(token);
+        }
+    }
+
+    #[inline(always)]
+    fn row(&self, token: R::Token, k: usize) -> R {
+        R::splat(token, self.first[k]) + self.lanes[k]
+    }
+}
+
+/// The foot's equation for one batch: a polynomial in eta.
+struct Equation<R> {
+    a: [R; 6],
+}
+
+impl<R: Real> Equation<R> {
+    #[inline(always)]
+    fn new(token: R::Token, rows: &Rows<R>) -> Equation<R> {
+        let high = rows.piece.foot;
+        Equation {
+            a: [
+                rows.row(token, FOOT),
+                rows.row(token, FOOT + 1),
+                rows.row(token, FOOT + 2),
+                R::splat(token, high[0]),
+                R::splat(token, high[1]),
+                R::splat(token, high[2]),
+            ],
+        }
+    }
+
+    /// Value and derivative.
+    #[inline(always)]
+    fn at<const CUBIC: bool>(&self, eta: R) -> (R, R) {
+        let a = &self.a;
+        if CUBIC {
+            let b4 = a[5] * eta + a[4];
+            let b3 = b4 * eta + a[3];
+            let b2 = b3 * eta + a[2];
+            let b1 = b2 * eta + a[1];
+            let c3 = a[5] * eta + b4;
+            let c2 = c3 * eta + b3;
+            let c1 = c2 * eta + b2;
+            (b1 * eta + a[0], c1 * eta + b1)
+        } else {
+            let b2 = a[3] * eta + a[2];
+            let b1 = b2 * eta + a[1];
+            let c1 = (a[3] * eta + b2) * eta + b1;
+            (b1 * eta + a[0], c1)
+        }
+    }
+}
+
+/// Feet by Newton's method, where the piece holds at most one for every voxel.
+#[inline(always)]
+fn newton<R: Real, const CUBIC: bool>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) {
+    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let zero = R::constant(token, 0.0);
+    // Past the piece's ends the polynomial holds, but need not increase: steps are kept near.
+    let (lo, hi) = (R::constant(token, -1.25), R::constant(token, 1.25));
+    let tolerance = R::splat(token, piece.tolerance);
+    let no_foot = R::constant(token, NO_FOOT);
+    for index in (0..VOXELS).step_by(R::LANES) {
+        rows.go(token, index);
+        let equation = Equation::new(token, &rows);
+        let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
+        let mut steps = 1;
+        loop {
+            let (g, slope) = equation.at::<CUBIC>(eta);
+            let step = g / slope;
+            eta = (eta - step).within(lo, hi);
+            steps += 1;
+            if steps < STEPS {
+                continue;
+            }
+            let settled = R::and(step.abs().le(tolerance), zero.lt(slope));
+            // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
+            let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
+            if R::bitmask(open) == 0 {
+                eta = R::select(settled, eta, no_foot);
+                break;
+            }
+            if steps == MOST_STEPS {
+                let (found, sure) = halve::<R, CUBIC>(token, &equation, lo, hi);
+                eta = R::select(sure, found, no_foot);
+                break;
+            }
+        }
+        eta.store(&mut scratch.eta[index..]);
+    }
+}
+
+/// Feet by bisection, where nothing is known but that the piece is short.
+#[inline(always)]
+fn bracket<R: Real, const CUBIC: bool>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) {
+    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
+    let no_foot = R::constant(token, NO_FOOT);
+    for index in (0..VOXELS).step_by(R::LANES) {
+        rows.go(token, index);
+        let equation = Equation::new(token, &rows);
+        let (found, sure) = halve::<R, CUBIC>(token, &equation, lo, hi);
+        R::select(sure, found, no_foot).store(&mut scratch.eta[index..]);
+    }
+}
+
+/// Where the equation changes from negative to positive between `lo` and `hi`, and whether it does.
+#[inline(always)]
+fn halve<R: Real, const CUBIC: bool>(token: R::Token, equation: &Equation<R>, lo: R, hi: R) -> (R, R::Mask) {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let (at_lo, _) = equation.at::<CUBIC>(lo);
+    let (at_hi, _) = equation.at::<CUBIC>(hi);
+    let sure = R::and(at_lo.le(zero), zero.le(at_hi));
+    let (mut lo, mut hi) = (lo, hi);
+    for _ in 0..HALVINGS {
+        let middle = (lo + hi) * half;
+        let (g, _) = equation.at::<CUBIC>(middle);
+        let below = g.lt(zero);
+        lo = R::select(below, middle, lo);
+        hi = R::select(below, hi, middle);
+    }
+    ((lo + hi) * half, sure)
+}
+
+/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number.
+#[inline(always)]
+fn coordinates<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) -> usize {
+    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
+    let one = R::constant(token, 1.0);
+    let mut packed = 0;
+    for index in (0..VOXELS).step_by(R::LANES) {
+        let eta = R::load(token, &scratch.eta[index..]);
+        let in_range = R::and(lo.le(eta), eta.le(hi));
+        if R::bitmask(in_range) == 0 {
+            continue;
+        }
+        rows.go(token, index);
+        let u = across(token, &rows, U, eta);
+        let v = across(token, &rows, V, eta);
+        let q = u * u + v * v;
+        let inside = R::and(in_range, q.le(one));
+        let count = R::bitmask(inside).count_ones() as usize;
+        if count == 0 {
+            continue;
+        }
+        let height = along(token, &piece.height, eta);
+        let mut weight = envelope(token, piece, q, height);
+        if let Some(speed) = &piece.speed {
+            weight = weight * focal(token, &rows, speed, eta);
+        }
+        if piece.fades {
+            along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
+            q.compress(inside).store(&mut scratch.q[packed..]);
+        }
+        pack(token, scratch, index, packed, inside, [u, v, height, weight]);
+        packed += count;
+    }
+    packed
+}
+
+/// The same where the foot is the end of a curve, or a corner.
+#[inline(always)]
+fn at_point<R: Real, const CORNER: bool>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) -> usize {
+    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+    let turn = [1, 2, 3, 4].map(|k| R::splat(token, piece.base[U + k]));
+    let radius = R::splat(token, piece.radius[0]);
+    let mut packed = 0;
+    for index in (0..VOXELS).step_by(R::LANES) {
+        rows.go(token, index);
+        let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
+        let beyond = rows.row(token, FOOT);
+        let q = u * u + v * v + beyond * beyond;
+        let mut inside = R::and(zero.lt(beyond), q.le(one));
+        if CORNER {
+            inside = R::and(inside, rows.row(token, SECOND).lt(zero));
+            // Turned into the first plane: the part across the hinge keeps its side and takes all of the length.
+            let length = (v * v + beyond * beyond).sqrt();
+            let across = R::select(v.lt(zero), -length, length);
+            (u, v) = (turn[0] * u + turn[1] * across, turn[2] * u + turn[3] * across);
+        }
+        let count = R::bitmask(inside).count_ones() as usize;
+        if count == 0 {
+            continue;
+        }
+        let weight = envelope(token, piece, q, zero);
+        if piece.fades {
+            radius.store(&mut scratch.radius[packed..]);
+            q.compress(inside).store(&mut scratch.q[packed..]);
+        }
+        pack(token, scratch, index, packed, inside, [u, v, zero, weight]);
+        packed += count;
+    }
+    packed
+}
+
+#[inline(always)]
+#[allow(clippy::cast_precision_loss, reason = "indices below 512")]
+fn pack<R: Real>(
+    token: R::Token,
+    scratch: &mut Scratch<R::Scalar>,
+    index: usize,
+    packed: usize,
+    inside: R::Mask,
+    lanes: [R; 4],
+) {
+    lanes[0].compress(inside).store(&mut scratch.u[packed..]);
+    lanes[1].compress(inside).store(&mut scratch.v[packed..]);
+    lanes[2].compress(inside).store(&mut scratch.height[packed..]);
+    lanes[3].compress(inside).store(&mut scratch.weight[packed..]);
+    let number = R::load(token, &scratch.numbers) + R::constant(token, index as f64);
+    number.compress(inside).store(&mut scratch.index[packed..]);
+}
+
+/// `sum_k row[first + k] eta^k`.
+#[inline(always)]
+fn across<R: Real>(token: R::Token, rows: &Rows<R>, first: usize, eta: R) -> R {
+    let mut sum = rows.row(token, first + TERMS - 1);
+    for k in (0..TERMS - 1).rev() {
+        sum = sum * eta + rows.row(token, first + k);
+    }
+    sum
+}
+
+#[inline(always)]
+fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar; N], eta: R) -> R {
+    let mut sum = R::splat(token, c[N - 1]);
+    for k in (0..N - 1).rev() {
+        sum = sum * eta + R::splat(token, c[k]);
+    }
+    sum
+}
+
+/// `smoothstep(0, 0.2, 1 - kappa rho cos)`.
+#[inline(always)]
+fn focal<R: Real>(token: R::Token, rows: &Rows<R>, speed: &[R::Scalar; 5], eta: R) -> R {
+    let (_, slope) = Equation::new(token, rows).at::<true>(eta);
+    let x = slope / along(token, speed, eta);
+    smoothstep(token, x * R::constant(token, 5.0))
+}
+
+/// `t^2 (3 - 2 t)` with t clamped to [0, 1].
+#[inline(always)]
+fn smoothstep<R: Real>(token: R::Token, t: R) -> R {
+    let t = t.within(R::constant(token, 0.0), R::constant(token, 1.0));
+    t * t * (R::constant(token, 3.0) - (t + t))
+}
+
+#[inline(always)]
+fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R, height: R) -> R {
+    let one = R::constant(token, 1.0);
+    let mut weight = match piece.radial {
+        Radial::Smooth => (one - q) * (one - q),
+        Radial::Linear => one - q.sqrt(),
+        Radial::Hard => one,
+        Radial::Edge(width) => smoothstep(token, (one - q.sqrt()) * R::constant(token, 1.0 / width)),
+    };
+    if let Some([start, rate, fraction]) = piece.axial {
+        let x = R::splat(token, start) + R::splat(token, rate) * height;
+        let fraction = R::splat(token, fraction);
+        weight = weight * smoothstep(token, x / fraction) * smoothstep(token, (one - x) / fraction);
+    }
+    weight
+}
+
+/// The layers over the packed voxels; joins the densities into the block's values.
+#[inline(always)]
+fn layers<R: Real>(
+    token: R::Token,
+    region: &Region<R::Scalar>,
+    piece: &Piece<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+    values: &mut [R::Scalar; VOXELS],
+) {
+    let mut first = 0;
+    while first < packed {
+        let u = R::load(token, &scratch.u[first..]);
+        let v = R::load(token, &scratch.v[first..]);
+        let height = R::load(token, &scratch.height[first..]);
+        let mut value = R::constant(token, 1.0);
+        for layer in &region.layers[piece.layers[0]..piece.layers[1]] {
+            let mut term = match &layer.kind {
+                LayerKind::Constant(constant) => R::splat(token, *constant),
+                LayerKind::Sectors => {
+                    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+                    R::select(zero.lt(u * v), one, zero)
+                }
+                LayerKind::Fractal { octaves, rates } => {
+                    let mut sum = R::constant(token, 0.0);
+                    let log2 = if piece.fades {
+                        let radius = R::load(token, &scratch.radius[first..]);
+                        log2_rate(token, rates, radius, R::load(token, &scratch.q[first..]))
+                    } else {
+                        sum
+                    };
+                    for octave in &region.octaves[octaves[0]..octaves[1]] {
+                        let mut value = octave.octave.value(token, [u, v, height]);
+                        if let Some(finer) = octave.fade {
+                            value = value * band_weight(token, log2 + R::splat(token, finer));
+                        }
+                        sum = sum + value;
+                    }
+                    sum
+                }
+            };
+            if let Some(threshold) = layer.threshold {
+                term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
+            }
+            term = term * R::splat(token, layer.multiplier);
+            value = match layer.op {
+                Op::Multiply => value * term,
+                Op::Add => value + term,
+                Op::Max => value.most(term),
+                Op::Min => value.least(term),
+            };
+        }
+        let weight = R::load(token, &scratch.weight[first..]);
+        (value * weight).store(&mut scratch.eta);
+        let count = R::LANES.min(packed - first);
+        for lane in 0..count {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers below 512")]
+            let index = scratch.index[first + lane].to_f64() as usize;
+            let density = scratch.eta[lane];
+            if values[index] < density {
+                values[index] = density;
+            }
+        }
+        first += R::LANES;
+    }
+}
+
+/// log2 of the first octave's cells per voxel.
+#[inline(always)]
+fn log2_rate<R: Real>(token: R::Token, rates: &[R::Scalar; 3], radius: R, q: R) -> R {
+    let a2 = R::splat(token, rates[0]) / (radius * radius);
+    let b = R::splat(token, rates[1]);
+    let twist = R::splat(token, rates[2]);
+    let (b2, c2) = (b * b, twist * twist * q);
+    let sum = a2 + b2 + c2;
+    let root = (sum * sum - R::constant(token, 4.0) * a2 * b2).most(R::constant(token, 0.0)).sqrt();
+    let half = R::constant(token, 0.5);
+    ((sum + root) * half).log2() * half
+}

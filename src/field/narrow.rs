@@ -1,0 +1,482 @@
+//! Narrowing a field to a block: which parts of the axes can hold feet of its voxels, and how many.
+
+use glam::DVec3;
+
+use super::cover::{Capsule, REACH, Reach, support};
+use super::region::{FOOT, Layer, LayerKind, Octave, Piece, ROWS, Region, SECOND, Search, U, V, round};
+use super::span::Span;
+use super::tube::{self, PointKind, Tube};
+use super::{Field, Lattice};
+use crate::curve::Segment;
+use crate::noise::{self, BAND};
+use crate::num::Scalar;
+use crate::num::poly::{TERMS, evaluate, substitute};
+use crate::scene::Caps;
+
+/// A part of a field that may hold feet of a block's voxels: an index into the cover.
+pub type Candidate = u32;
+
+/// Uniqueness is certified where `g'` stays above this fraction of the squared speed.
+const CERTAIN: f64 = 0.02;
+/// The focal fade is 1 where `1 - kappa rho cos` is at least this.
+const FOCAL: f64 = 0.2;
+/// Pieces shorter than this many voxels are not divided further.
+const SHORTEST: f64 = 0.25;
+/// Halvings after which a piece is left uncertified whatever its length.
+const DEPTH: u32 = 24;
+/// Neighbouring pieces both accept feet this close to their common border, in voxels, so that rounding leaves no hole.
+const OVERLAP: f64 = 1e-3;
+
+/// An interval of t with the largest radius on it.
+#[derive(Debug, Clone, Copy)]
+struct Interval {
+    t: [f64; 2],
+    radius: f64,
+    /// Holds at most one foot of every voxel of the block.
+    certified: bool,
+}
+
+/// The block in world space.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    /// Its centre in metres.
+    centre: DVec3,
+    /// Edge of a voxel.
+    h: f64,
+    /// Half the distance between the first and last voxel centre along an edge.
+    half_edge: f64,
+}
+
+impl Field {
+    /// Narrows the field to the block of 8^3 voxels whose coordinates, in blocks, are `block`.
+    ///
+    /// `cover` is the field's cover for this lattice, and `candidates` the capsules of it, ascending, that reach the
+    /// block. `region` is overwritten; its memory is kept from block to block.
+    pub fn narrow<T: Scalar>(
+        &self,
+        lattice: Lattice,
+        cover: &[Capsule],
+        candidates: &[Candidate],
+        block: [i64; 3],
+        region: &mut Region<T>,
+    ) {
+        region.pieces.clear();
+        region.layers.clear();
+        region.octaves.clear();
+        let h = lattice.voxel_size;
+        #[allow(clippy::cast_precision_loss, reason = "block coordinates fit 29 bits")]
+        let centre = DVec3::from(block.map(|b| (b as f64 + 0.5) * 8.0 * h));
+        let block = Block { centre, h, half_edge: REACH * h };
+        let mut rest = candidates;
+        while let [first, ..] = rest {
+            let capsule = cover[*first as usize];
+            let tube = &self.tubes[capsule.tube as usize];
+            if capsule.is_point {
+                rest = &rest[1..];
+                self.point(tube, &capsule, block, region);
+                continue;
+            }
+            // Capsules that touch are one interval.
+            let mut merged = capsule;
+            let mut count = 1;
+            while let Some(next) = rest.get(count).map(|&i| cover[i as usize]) {
+                let touches = next.tube == merged.tube && next.part == merged.part && next.t[0] <= merged.t[1];
+                if next.is_point || !touches {
+                    break;
+                }
+                merged.t[1] = next.t[1];
+                merged.radius = merged.radius.max(next.radius);
+                count += 1;
+            }
+            rest = &rest[count..];
+            self.interval(tube, &merged, block, region);
+        }
+    }
+
+    fn interval<T: Scalar>(&self, tube: &Tube, capsule: &Capsule, block: Block, region: &mut Region<T>) {
+        let segment = &tube.curve.segments()[capsule.part as usize];
+        let whole = Interval { t: capsule.t, radius: capsule.radius, certified: false };
+        let mut found = Vec::new();
+        refine(segment, whole, block, 0, &mut found);
+        for interval in found {
+            if interval.certified {
+                if let Some(interval) = clip(segment, interval, block) {
+                    self.spans(tube, capsule.part as usize, interval, block, region);
+                }
+            } else {
+                self.spans(tube, capsule.part as usize, interval, block, region);
+            }
+        }
+    }
+
+    /// Lays the interval over one span if one holds all of it, else over each that holds a part of it.
+    fn spans<T: Scalar>(
+        &self,
+        tube: &Tube,
+        segment: usize,
+        interval: Interval,
+        block: Block,
+        region: &mut Region<T>,
+    ) {
+        let spans = &tube.spans[segment];
+        let middle = 0.5 * (interval.t[0] + interval.t[1]);
+        let first = spans.partition_point(|span| span.core[1] <= interval.t[0]).min(spans.len().saturating_sub(1));
+        let holds = |span: &&Span| span.fit[0] <= interval.t[0] && interval.t[1] <= span.fit[1];
+        let near = spans[first..].iter().take_while(|span| span.core[0] <= interval.t[1]);
+        let distance = |span: &Span| (span.middle - middle).abs();
+        if let Some(span) = near.clone().filter(holds).min_by(|a, b| distance(a).total_cmp(&distance(b))) {
+            self.piece(tube, segment, span, interval, block, region);
+            return;
+        }
+        for span in near {
+            let t = [interval.t[0].max(span.core[0]), interval.t[1].min(span.core[1])];
+            if t[0] < t[1] {
+                self.piece(tube, segment, span, Interval { t, ..interval }, block, region);
+            }
+        }
+    }
+
+    fn piece<T: Scalar>(
+        &self,
+        tube: &Tube,
+        segment: usize,
+        span: &Span,
+        interval: Interval,
+        block: Block,
+        region: &mut Region<T>,
+    ) {
+        let h = block.h;
+        // From tau to eta, which runs over [-1, 1].
+        let centre = (0.5 * (interval.t[0] + interval.t[1]) - span.middle) / span.half;
+        let scale = (0.5 * (interval.t[1] - interval.t[0]) / span.half).max(f64::MIN_POSITIVE);
+        let position = substitute(&span.position, centre, scale);
+        let from_axis = block.centre - span.position[0];
+
+        let mut base = [0.0; ROWS];
+        let mut slope = [[0.0; ROWS]; 3];
+        for (side, row) in [U, V].into_iter().enumerate() {
+            let across = substitute(&span.across[side], centre, scale);
+            let offset = substitute(&span.offset[side], centre, scale);
+            for k in 0..TERMS {
+                base[row + k] = from_axis.dot(across[k]) - offset[k];
+                for axis in 0..3 {
+                    slope[axis][row + k] = h * across[k][axis];
+                }
+            }
+        }
+
+        // g = (q - x) . q' with q the axis from the block's centre in voxels.
+        let mut q = position.map(|c| c * (1.0 / h));
+        q[0] = (position[0] - block.centre) * (1.0 / h);
+        let dq = [q[1], q[2] * 2.0, q[3] * 3.0];
+        let mut g = [0.0; 6];
+        for (i, a) in q.iter().enumerate() {
+            for (j, b) in dq.iter().enumerate() {
+                g[i + j] += a.dot(*b);
+            }
+        }
+        for k in 0..3 {
+            base[FOOT + k] = g[k];
+            for axis in 0..3 {
+                slope[axis][FOOT + k] = -dq[k][axis];
+            }
+        }
+        let cubic = q[3] != DVec3::ZERO;
+        let speed = {
+            let mut speed = [0.0; 5];
+            for (i, a) in dq.iter().enumerate() {
+                for (j, b) in dq.iter().enumerate() {
+                    speed[i + j] += a.dot(*b);
+                }
+            }
+            speed
+        };
+        let voxels = dq[0].length().max(speed.iter().sum::<f64>().max(0.0).sqrt()).max(f64::MIN_POSITIVE);
+
+        let arc = substitute(&span.arc, centre, scale);
+        let rate = tube.height_rate();
+        let arc_middle = span.arc_middle + arc[0];
+        let mut height = arc.map(|s| s * rate);
+        height[0] = 0.0;
+        let s = [-1.0, 1.0].map(|eta| span.arc_middle + evaluate(&arc, eta));
+        let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
+
+        let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
+        let cut = tube.caps != Caps::Round;
+        let margin = OVERLAP / voxels;
+        let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
+        let range = [
+            if cut && is_first && interval.t[0] <= 0.0 { -1.0 } else { -1.0 - margin },
+            if cut && is_last && interval.t[1] >= 1.0 { 1.0 } else { 1.0 + margin },
+        ];
+        let (layers, fades) = self.layers(tube, s, arc_middle, h, region);
+        region.pieces.push(Piece {
+            search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket { cubic } },
+            base: round(base),
+            slope: slope.map(round),
+            foot: round([g[3], g[4], g[5]]),
+            range: round(range),
+            tolerance: T::from_f64(settled_step(segment_of(tube, segment), interval, block) / voxels),
+            height: round(height),
+            radius: round(radius),
+            speed: is_hard.then(|| round(speed)),
+            axial: axial(tube, s, arc_middle),
+            radial: tube.radial,
+            layers,
+            fades,
+        });
+    }
+
+    fn point<T: Scalar>(&self, tube: &Tube, capsule: &Capsule, block: Block, region: &mut Region<T>) {
+        let still = Reach::still(tube.points[capsule.part as usize].section.centre);
+        if still.is_far(block.centre, block.half_edge, capsule.radius)
+            || !capsule.faces(tube, block.centre, block.half_edge)
+        {
+            return;
+        }
+        let point = &tube.points[capsule.part as usize];
+        let section = &point.section;
+        let scale = 1.0 / section.radius;
+        let (rows, search) = match point.kind {
+            PointKind::End(outward) => {
+                ([section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale), Search::End)
+            }
+            PointKind::Corner(next) => {
+                // Along the hinge, and across it in the plane normal to the first tangent.
+                let hinge = section.tangent.cross(next);
+                let hinge = if hinge.length() > 1e-9 { hinge.normalize() } else { section.axes[0] };
+                let across = hinge.cross(section.tangent);
+                ([hinge, across, section.tangent, next].map(|v| v * scale), Search::Corner)
+            }
+        };
+        let mut base = [0.0; ROWS];
+        let mut slope = [[0.0; ROWS]; 3];
+        for (row, vector) in [U, V, FOOT, SECOND].into_iter().zip(rows) {
+            base[row] = (block.centre - section.centre).dot(vector);
+            for axis in 0..3 {
+                slope[axis][row] = block.h * vector[axis];
+            }
+        }
+        // For corners, u = a u' + b v' with (u', v') along and across the hinge; the kernel reads a, b, c, d here.
+        let turn = [
+            section.axes[0].dot(rows[0]) * section.radius,
+            section.axes[0].dot(rows[1]) * section.radius,
+            section.axes[1].dot(rows[0]) * section.radius,
+            section.axes[1].dot(rows[1]) * section.radius,
+        ];
+        for (k, value) in turn.into_iter().enumerate() {
+            base[U + 1 + k] = value;
+        }
+        let (layers, fades) = self.layers(tube, [section.arc; 2], section.arc, block.h, region);
+        let mut radius = [0.0; TERMS];
+        radius[0] = section.radius / block.h;
+        region.pieces.push(Piece {
+            search,
+            base: round(base),
+            slope: slope.map(round),
+            foot: round([0.0; 3]),
+            range: round([-1.0, 1.0]),
+            tolerance: T::from_f64(1.0),
+            height: round([0.0; TERMS]),
+            radius: round(radius),
+            speed: None,
+            axial: axial(tube, [section.arc; 2], section.arc),
+            radial: tube.radial,
+            layers,
+            fades,
+        });
+    }
+
+    /// The tube's layers for feet whose arc length lies in `s`, with heights taken from that of `origin`.
+    fn layers<T: Scalar>(
+        &self,
+        tube: &Tube,
+        s: [f64; 2],
+        origin: f64,
+        h: f64,
+        region: &mut Region<T>,
+    ) -> ([usize; 2], bool) {
+        let first = region.layers.len();
+        let mut fades = false;
+        for layer in &tube.layers {
+            let kind = match &layer.kind {
+                tube::LayerKind::Constant(value) => LayerKind::Constant(T::from_f64(*value)),
+                tube::LayerKind::Sectors => LayerKind::Sectors,
+                tube::LayerKind::Fractal(fractal) => {
+                    let rates = Rates::new(tube, fractal, h);
+                    let band = if self.octave_fade { rates.band(tube, s, h) } else { [f64::NEG_INFINITY; 2] };
+                    let start = region.octaves.len();
+                    for octave in &fractal.octaves {
+                        let finer = f64::from(octave.index) * fractal.log2_lacunarity;
+                        if band[0] + finer > BAND[1] + SURE {
+                            continue;
+                        }
+                        let fade = (band[1] + finer > BAND[0] - SURE).then(|| T::from_f64(finer));
+                        fades |= fade.is_some();
+                        let mut at = octave.origin;
+                        at[2] += octave.frequency[2] * origin * tube.height_rate();
+                        let octave = noise::Octave::new(at, octave.frequency, octave.seed, octave.amplitude);
+                        region.octaves.push(Octave { octave, fade });
+                    }
+                    let rates = round([rates.across * rates.across, rates.along, rates.twist]);
+                    LayerKind::Fractal { octaves: [start, region.octaves.len()], rates }
+                }
+            };
+            let threshold = layer.threshold.map(T::from_f64);
+            region.layers.push(Layer { op: layer.op, kind, threshold, multiplier: T::from_f64(layer.multiplier) });
+        }
+        ([first, region.layers.len()], fades)
+    }
+}
+
+/// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.
+const SURE: f64 = 1e-4;
+
+/// First-octave cells per voxel.
+struct Rates {
+    /// Across the tube, at a radius of one voxel.
+    across: f64,
+    /// Along it.
+    along: f64,
+    /// Along it, by twist, at the surface.
+    twist: f64,
+}
+
+impl Rates {
+    fn new(tube: &Tube, fractal: &tube::Fractal, h: f64) -> Rates {
+        Rates {
+            across: fractal.rate[0],
+            along: fractal.rate[1] * tube.height_rate() * h,
+            twist: fractal.rate[0] * tube.twist_rate * h,
+        }
+    }
+
+    /// Bounds of log2 of cells per voxel over the arc lengths `s`.
+    fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
+        let x = s.map(|s| s / tube.curve.length());
+        let (least, most) = tube.profile.range(x[0], x[1]);
+        let low = (self.across * h / most).max(self.along);
+        let high = larger_singular_value(self.across * h / least, self.twist, self.along);
+        [libm::log2(low), libm::log2(high)]
+    }
+}
+
+/// Of `[a c; 0 b]`.
+fn larger_singular_value(a: f64, c: f64, b: f64) -> f64 {
+    let sum = a * a + b * b + c * c;
+    (0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())).sqrt()
+}
+
+fn axial<T: Scalar>(tube: &Tube, s: [f64; 2], origin: f64) -> Option<[T; 3]> {
+    let Caps::Fade(fraction) = tube.caps else { return None };
+    let length = tube.curve.length();
+    let near_end = s[0] / length < fraction * 1.001 || s[1] / length > 1.0 - fraction * 1.001;
+    near_end.then(|| round([origin / length, 1.0 / (length * tube.height_rate()), fraction]))
+}
+
+fn segment_of(tube: &Tube, segment: usize) -> &Segment {
+    &tube.curve.segments()[segment]
+}
+
+/// Drops what cannot hold feet and certifies what it can, in order; halves the rest.
+fn refine(segment: &Segment, interval: Interval, block: Block, depth: u32, found: &mut Vec<Interval>) {
+    let reach = Reach::new(segment, interval.t);
+    if reach.is_far(block.centre, block.half_edge, interval.radius) {
+        return;
+    }
+    // Only voxels within the radius of the interval matter.
+    let distance = interval.radius + 2.0 * reach.half * reach.speed;
+    let from_block = reach.centre - block.centre;
+    let g = from_block.dot(reach.d1).abs() - block.half_edge * support(reach.d1);
+    if g > reach.half * reach.slope(distance) * (1.0 + 1e-9) {
+        return;
+    }
+    let certified = least_slope(&reach, block, distance) > CERTAIN * reach.speed * reach.speed;
+    let middle = 0.5 * (interval.t[0] + interval.t[1]);
+    let is_short = reach.half * reach.speed < 0.5 * SHORTEST * block.h || depth >= DEPTH;
+    if certified || is_short {
+        match found.last_mut() {
+            Some(last) if certified && last.certified && last.t[1] == interval.t[0] => last.t[1] = interval.t[1],
+            _ => found.push(Interval { certified, ..interval }),
+        }
+        return;
+    }
+    refine(segment, Interval { t: [interval.t[0], middle], ..interval }, block, depth + 1, found);
+    refine(segment, Interval { t: [middle, interval.t[1]], ..interval }, block, depth + 1, found);
+}
+
+/// A lower bound of g' over the interval and those voxels of the block that are within `distance` of its middle.
+fn least_slope(reach: &Reach, block: Block, distance: f64) -> f64 {
+    let from_block = reach.centre - block.centre;
+    let over_block = from_block.dot(reach.d2) - block.half_edge * support(reach.d2);
+    let over_disc = -distance * reach.d2.length();
+    let here = reach.d1.length_squared() + over_block.max(over_disc);
+    // |g''| = |3 C' . C'' + (C - p) . C'''|
+    here - reach.half * (3.0 * reach.speed * reach.bend + (distance + reach.half * reach.speed) * reach.third)
+}
+
+/// A lower bound of `1 - kappa rho cos` over an interval and the block.
+fn focal_bound(segment: &Segment, interval: Interval, block: Block) -> f64 {
+    let reach = Reach::new(segment, interval.t);
+    let distance = interval.radius + 2.0 * reach.half * reach.speed;
+    let bound = least_slope(&reach, block, distance) / (reach.speed * reach.speed);
+    if bound.is_nan() { 0.0 } else { bound }
+}
+
+/// The Newton step, in voxels, after which the foot is within 1e-5 voxels: each step's error is at most `M / (2 G)` times
+/// the square of the last's, with M the largest |g''| and G the smallest g'.
+fn settled_step(segment: &Segment, interval: Interval, block: Block) -> f64 {
+    const ERROR: f64 = 1e-5;
+    let reach = Reach::new(segment, interval.t);
+    let distance = interval.radius + 2.0 * reach.half * reach.speed;
+    let least = least_slope(&reach, block, distance).max(CERTAIN * reach.speed * reach.speed);
+    let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
+    let step = (ERROR * 2.0 * least * reach.speed / (most * block.h).max(f64::MIN_POSITIVE)).sqrt();
+    // Single precision resolves a foot to about this much.
+    let floor = 2e-7 * (1.0 + distance / block.h);
+    step.min(0.1).max(floor)
+}
+
+/// Shortens a certified interval to the feet of the block's voxels; `None` where it holds none.
+///
+/// Every `g_p(t) = (C(t) - p) . C'(t)` increases on the interval, and so do the largest and the smallest of them over
+/// the block, `g_o(t) +- half_edge support(C'(t))`: their zeros bound the feet.
+fn clip(segment: &Segment, interval: Interval, block: Block) -> Option<Interval> {
+    let bound = |t: f64, side: f64| {
+        let d1 = segment.d1(t);
+        (segment.at(t) - block.centre).dot(d1) + side * block.half_edge * support(d1)
+    };
+    let [low, high] = interval.t;
+    if bound(high, 1.0) < 0.0 || bound(low, -1.0) > 0.0 {
+        return None;
+    }
+    let start = if bound(low, 1.0) >= 0.0 { low } else { bisect(low, high, |t| bound(t, 1.0))[0] };
+    let end = if bound(high, -1.0) <= 0.0 { high } else { bisect(low, high, |t| bound(t, -1.0))[1] };
+    // A guard against the bounds' own rounding.
+    let guard = 1e-3 * (end - start) + 1e-12 * (high - low);
+    Some(Interval { t: [(start - guard).max(low), (end + guard).min(high)], ..interval })
+}
+
+/// A short bracket of the zero of a function that is negative at `low` and positive at `high`.
+fn bisect(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> [f64; 2] {
+    let (mut at_low, mut at_high) = (value(low), value(high));
+    let mut last = 0;
+    // Regula falsi with the Illinois rule. Any bracket is a valid, if longer, answer, so few rounds will do.
+    for _ in 0..8 {
+        let t = (low * at_high - high * at_low) / (at_high - at_low);
+        if !(t > low && t < high) {
+            break;
+        }
+        let at = value(t);
+        let side = if at <= 0.0 { -1 } else { 1 };
+        if side < 0 {
+            (low, at_low) = (t, at);
+            at_high *= if last == side { 0.5 } else { 1.0 };
+        } else {
+            (high, at_high) = (t, at);
+            at_low *= if last == side { 0.5 } else { 1.0 };
+        }
+        last = side;
+    }
+    [low, high]
+}

@@ -1,0 +1,106 @@
+//! What a block of voxels needs of a field, re-centred on the block.
+
+use crate::noise;
+use crate::num::Scalar;
+use crate::num::poly::TERMS;
+use crate::scene::{Op, Radial};
+
+/// Rows of a piece's table of coefficients that are affine in the position.
+pub(crate) const ROWS: usize = 16;
+/// Rows of u, of v, of the foot's equation, and of the second plane of a corner.
+pub(crate) const U: usize = 0;
+pub(crate) const V: usize = TERMS;
+pub(crate) const FOOT: usize = 2 * TERMS;
+pub(crate) const SECOND: usize = 15;
+
+/// What a block of voxels needs of a field: the pieces of axes that hold feet of its voxels, and their layers.
+///
+/// Lengths are in voxels and positions from the block's centre; `T` is the kernel's number in memory.
+#[derive(Debug, Clone, Default)]
+pub struct Region<T> {
+    pub(crate) pieces: Vec<Piece<T>>,
+    pub(crate) layers: Vec<Layer<T>>,
+    pub(crate) octaves: Vec<Octave<T>>,
+}
+
+impl<T> Region<T> {
+    /// Nothing of the field reaches the block.
+    pub fn is_empty(&self) -> bool {
+        self.pieces.is_empty()
+    }
+}
+
+/// How a piece's feet are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Search {
+    /// At most one foot for every voxel: Newton's method on a polynomial of degree 3 (quadratic segments) or 5.
+    Newton { cubic: bool },
+    /// Nothing is certified, but the piece is so short that one foot of a voxel stands for all: bisection.
+    Bracket { cubic: bool },
+    /// The foot is the end of a curve, for the half space `foot row > 0`.
+    End,
+    /// The foot is a corner, for `foot row > 0` and `second row < 0`.
+    Corner,
+}
+
+/// An interval of an axis, or a point, that holds feet of the block's voxels.
+///
+/// With x a voxel's position, row k of the table is `base[k] + x . slope[k]`, and with eta the foot's parameter in the
+/// piece: `u = sum_k row[U + k] eta^k`, v likewise, and the foot is where
+/// `0 = row[FOOT] + row[FOOT + 1] eta + row[FOOT + 2] eta^2 + foot[0] eta^3 + ...`.
+#[derive(Debug, Clone)]
+pub(crate) struct Piece<T> {
+    pub(crate) search: Search,
+    pub(crate) base: [T; ROWS],
+    pub(crate) slope: [[T; ROWS]; 3],
+    pub(crate) foot: [T; 3],
+    /// Interval of eta that counts.
+    pub(crate) range: [T; 2],
+    /// A Newton step below this, in eta, has converged.
+    pub(crate) tolerance: T,
+    /// Height l from the layers' origins.
+    pub(crate) height: [T; TERMS],
+    /// Radius in voxels: only read where octaves fade.
+    pub(crate) radius: [T; TERMS],
+    /// `|q'|^2` where the focal fade is needed, for `1 - kappa rho cos = g' / |q'|^2`.
+    pub(crate) speed: Option<[T; 5]>,
+    /// `s / L = axial[0] + axial[1] height`, with the faded fraction, where a faded end is near.
+    pub(crate) axial: Option<[T; 3]>,
+    pub(crate) radial: Radial,
+    /// Layers in `Region::layers`.
+    pub(crate) layers: [usize; 2],
+    /// Some octave fades somewhere in the piece.
+    pub(crate) fades: bool,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Layer<T> {
+    pub(crate) op: Op,
+    pub(crate) kind: LayerKind<T>,
+    pub(crate) threshold: Option<T>,
+    pub(crate) multiplier: T,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum LayerKind<T> {
+    Constant(T),
+    Sectors,
+    Fractal {
+        /// Octaves in `Region::octaves`.
+        octaves: [usize; 2],
+        /// First-octave cells per voxel: squared, across at radius 1 voxel; along; by twist at the surface.
+        rates: [T; 3],
+    },
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Octave<T> {
+    pub(crate) octave: noise::Octave<T>,
+    /// log2 of its frequency over the first octave's, where its weight is not 1 all over the piece.
+    pub(crate) fade: Option<T>,
+}
+
+/// Rounds an array.
+pub(crate) fn round<T: Scalar, const N: usize>(values: [f64; N]) -> [T; N] {
+    values.map(T::from_f64)
+}

@@ -1,0 +1,154 @@
+//! Spans: intervals of a segment on which everything but the position is a polynomial of degree 5.
+
+use glam::DVec3;
+
+use crate::curve::{Curve, Profile};
+use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
+
+/// Where the error of (u, v), and of the arc length in units of radius plus span, must stay below this.
+const TOLERANCE: f64 = 3e-7;
+/// A span is not halved more often than this: what is then left of a segment is too short to matter.
+const DEPTH: u32 = 24;
+/// Below this fraction of the largest radius there is no tube.
+pub(crate) const LEAST_RADIUS: f64 = 1e-6;
+
+/// An interval of a segment, with polynomials in tau, where t = middle + half tau.
+///
+/// The polynomials hold on `fit`, which reaches past `core` on both sides, so that a block rarely needs two spans; the
+/// cores of a segment's spans touch without overlap.
+#[derive(Debug, Clone)]
+pub(crate) struct Span {
+    pub(crate) core: [f64; 2],
+    pub(crate) fit: [f64; 2],
+    pub(crate) middle: f64,
+    pub(crate) half: f64,
+    /// Position of the axis, exact.
+    pub(crate) position: [DVec3; 4],
+    /// The twisted frame's two axes across the tube, over the radius, per metre.
+    pub(crate) across: [[DVec3; TERMS]; 2],
+    /// Their products with `C - C(middle)`.
+    pub(crate) offset: [[f64; TERMS]; 2],
+    /// Arc length from `arc_middle`, metres.
+    pub(crate) arc: [f64; TERMS],
+    pub(crate) arc_middle: f64,
+    /// Radius, metres.
+    pub(crate) radius: [f64; TERMS],
+}
+
+/// What a span is fitted to: the axis of one tube with its twist and radius.
+pub(crate) struct Axis<'a> {
+    pub(crate) curve: &'a Curve,
+    pub(crate) profile: &'a Profile,
+    /// Radians of twist per metre of arc, and at the start.
+    pub(crate) twist: [f64; 2],
+}
+
+/// The tube's cross-section at one place.
+pub(crate) struct Section {
+    pub(crate) centre: DVec3,
+    pub(crate) tangent: DVec3,
+    /// Unit vectors along the cylinder's u and v.
+    pub(crate) axes: [DVec3; 2],
+    pub(crate) radius: f64,
+    pub(crate) arc: f64,
+}
+
+impl Axis<'_> {
+    pub(crate) fn section(&self, segment: usize, t: f64) -> Section {
+        let arc = self.curve.arc_length(segment, t);
+        let frame = self.curve.frame(segment, t);
+        let phi = self.twist[0] * arc + self.twist[1];
+        let (sin, cos) = libm::sincos(phi);
+        Section {
+            centre: self.curve.segments()[segment].at(t),
+            tangent: frame.tangent,
+            axes: [frame.normal * cos + frame.binormal * sin, frame.binormal * cos - frame.normal * sin],
+            radius: self.profile.at(arc / self.curve.length()),
+            arc,
+        }
+    }
+
+    /// The spans of one segment, in order. `breaks` are the places inside (0, 1) that no span may reach across.
+    pub(crate) fn spans(&self, segment: usize, breaks: &[f64]) -> Vec<Span> {
+        let mut spans = Vec::new();
+        let mut start = 0.0;
+        for &end in breaks.iter().chain([&1.0]) {
+            if end > start {
+                self.divide(segment, [start, end], [start, end], 0, &mut spans);
+            }
+            start = end;
+        }
+        spans
+    }
+
+    fn divide(&self, segment: usize, core: [f64; 2], limit: [f64; 2], depth: u32, spans: &mut Vec<Span>) {
+        let reach = 0.5 * (core[1] - core[0]);
+        let fit = [(core[0] - reach).max(limit[0]), (core[1] + reach).min(limit[1])];
+        let least = LEAST_RADIUS * self.profile.max();
+        let length = self.curve.length();
+        let span_range = |t: [f64; 2]| {
+            let at = t.map(|t| self.curve.arc_length(segment, t) / length);
+            self.profile.range(at[0], at[1])
+        };
+        if span_range(core).1 <= least {
+            return;
+        }
+        let span = self.fit(segment, core, fit);
+        if depth >= DEPTH || (span_range(fit).0 > least && self.holds(segment, &span)) {
+            spans.push(span);
+            return;
+        }
+        let middle = 0.5 * (core[0] + core[1]);
+        self.divide(segment, [core[0], middle], limit, depth + 1, spans);
+        self.divide(segment, [middle, core[1]], limit, depth + 1, spans);
+    }
+
+    fn fit(&self, segment: usize, core: [f64; 2], fit: [f64; 2]) -> Span {
+        let (middle, half) = (0.5 * (fit[0] + fit[1]), 0.5 * (fit[1] - fit[0]));
+        let position = substitute(self.curve.segments()[segment].power(), middle, half);
+        let arc_middle = self.curve.arc_length(segment, middle);
+        let least = LEAST_RADIUS * self.profile.max();
+        let sections = NODES.map(|tau| self.section(segment, middle + half * tau));
+        let across = [0, 1].map(|i| {
+            interpolate(&sections.each_ref().map(|s| s.axes[i] * (1.0 / s.radius.max(least))))
+        });
+        let offset = [0, 1].map(|i| {
+            interpolate(&sections.each_ref().map(|s| (s.centre - position[0]).dot(s.axes[i]) / s.radius.max(least)))
+        });
+        Span {
+            core,
+            fit,
+            middle,
+            half,
+            position,
+            across,
+            offset,
+            arc: interpolate(&sections.each_ref().map(|s| s.arc - arc_middle)),
+            arc_middle,
+            radius: interpolate(&sections.each_ref().map(|s| s.radius)),
+        }
+    }
+
+    /// Whether the polynomials reproduce four points of the tube's surface, and the arc length, between the nodes.
+    fn holds(&self, segment: usize, span: &Span) -> bool {
+        // The interpolation error's extrema lie at the ends and near the middles between nodes.
+        const PLACES: [f64; 7] = [-1.0, -0.86, -0.5, 0.0, 0.5, 0.86, 1.0];
+        let length = self.curve.arc_length(segment, span.fit[1]) - self.curve.arc_length(segment, span.fit[0]);
+        PLACES.iter().all(|&tau| {
+            // One-sided at the ends, where the radius may jump.
+            let tau_inside = tau * (1.0 - 1e-9);
+            let s = self.section(segment, span.middle + span.half * tau_inside);
+            let arc = evaluate(&span.arc, tau_inside) + span.arc_middle;
+            let arc_error = (arc - s.arc).abs() / (s.radius + length);
+            let corners = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+            let across_error = corners.iter().fold(0.0_f64, |worst, &uv| {
+                let p = s.centre + (s.axes[0] * uv[0] + s.axes[1] * uv[1]) * s.radius - span.position[0];
+                let found = [0, 1].map(|i| {
+                    p.dot(evaluate(&span.across[i], tau_inside)) - evaluate(&span.offset[i], tau_inside)
+                });
+                worst.max((found[0] - uv[0]).abs()).max((found[1] - uv[1]).abs())
+            });
+            arc_error < TOLERANCE && across_error < TOLERANCE
+        })
+    }
+}

@@ -1,0 +1,218 @@
+//! One tube, compiled: spans along its axis, its ends and corners, its envelope and layers.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::span::{Axis, LEAST_RADIUS, Section, Span};
+use crate::curve::{Curve, Profile};
+use crate::noise::{octave_offset, octave_seed};
+use crate::scene::{self, Caps, Op, Pattern, Radial};
+
+/// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
+const CORNER: f64 = 1e-7;
+/// Octaves with more cells than this across the tube are left out: single precision cannot place a voxel in them.
+const FINEST: f64 = 4_194_304.0;
+
+#[derive(Debug, Clone)]
+pub(crate) struct Tube {
+    pub(crate) name: String,
+    pub(crate) curve: Curve,
+    pub(crate) profile: Profile,
+    /// Spans of each segment.
+    pub(crate) spans: Vec<Vec<Span>>,
+    /// The ends and corners where feet gather: `None` where there are none.
+    pub(crate) points: Vec<Point>,
+    pub(crate) caps: Caps,
+    pub(crate) radial: Radial,
+    pub(crate) layers: Vec<Layer>,
+    pub(crate) stretch: bool,
+    /// Radians per metre.
+    pub(crate) twist_rate: f64,
+}
+
+/// A place where all points of a half ball or of a wedge have their foot.
+#[derive(Debug, Clone)]
+pub(crate) struct Point {
+    pub(crate) section: Section,
+    pub(crate) kind: PointKind,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum PointKind {
+    /// The half ball on the side that this unit vector points to.
+    End(DVec3),
+    /// The wedge beyond the plane of the first tangent, which is the section's, and before that of this second.
+    Corner(DVec3),
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Layer {
+    pub(crate) op: Op,
+    pub(crate) kind: LayerKind,
+    pub(crate) threshold: Option<f64>,
+    pub(crate) multiplier: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum LayerKind {
+    Constant(f64),
+    Sectors,
+    Fractal(Fractal),
+}
+
+/// A fractal sum at one time.
+#[derive(Debug, Clone)]
+pub(crate) struct Fractal {
+    pub(crate) octaves: Vec<Octave>,
+    /// Cells per unit of u and v (the larger), and of l, in the first octave.
+    pub(crate) rate: [f64; 2],
+    pub(crate) log2_lacunarity: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Octave {
+    pub(crate) index: u32,
+    pub(crate) frequency: [f64; 3],
+    /// Lattice coordinate at (0, 0, 0).
+    pub(crate) origin: [f64; 3],
+    pub(crate) seed: u32,
+    pub(crate) amplitude: f64,
+}
+
+impl Tube {
+    pub(crate) fn compile(tube: &scene::Tube, time: f64) -> Tube {
+        let twist_rate = TAU * tube.twist / tube.curve.length();
+        let turns = tube.spin * time;
+        let axis =
+            Axis { curve: &tube.curve, profile: &tube.radius, twist: [twist_rate, TAU * (turns - turns.floor())] };
+        let breaks = breaks(&tube.curve, &tube.radius);
+        let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
+        Tube {
+            name: tube.name.clone(),
+            curve: tube.curve.clone(),
+            profile: tube.radius.clone(),
+            spans,
+            points: points(&axis, tube.caps),
+            caps: tube.caps,
+            radial: tube.radial,
+            layers: tube.layers.iter().map(|layer| compile_layer(layer, time)).collect(),
+            stretch: tube.stretch,
+            twist_rate,
+        }
+    }
+
+    /// Change of the cylinder's height per metre of arc.
+    pub(crate) fn height_rate(&self) -> f64 {
+        if self.stretch { 1.0 / self.curve.length() } else { 1.0 }
+    }
+
+    /// Corners of the box around the discs across the axis and the balls at round ends.
+    pub(crate) fn bounds(&self) -> Option<[DVec3; 2]> {
+        const STEPS: u32 = 64;
+        let mut bounds: Option<[DVec3; 2]> = None;
+        let mut include = |lo: DVec3, hi: DVec3| {
+            bounds = Some(bounds.map_or([lo, hi], |[a, b]| [a.min(lo), b.max(hi)]));
+        };
+        let least = LEAST_RADIUS * self.profile.max();
+        for (index, spans) in self.spans.iter().enumerate() {
+            let segment = &self.curve.segments()[index];
+            for span in spans {
+                for step in 0..=STEPS {
+                    let t = span.core[0] + (span.core[1] - span.core[0]) * f64::from(step) / f64::from(STEPS);
+                    let x = self.curve.arc_length(index, t) / self.curve.length();
+                    // Both sides of a jump.
+                    let radius = self.profile.range(x, x).1;
+                    if radius > least {
+                        let tangent = segment.tangent(t);
+                        let reach = (DVec3::ONE - tangent * tangent).max(DVec3::ZERO);
+                        let reach = DVec3::new(reach.x.sqrt(), reach.y.sqrt(), reach.z.sqrt()) * radius;
+                        include(segment.at(t) - reach, segment.at(t) + reach);
+                    }
+                }
+            }
+        }
+        for point in &self.points {
+            let (centre, radius) = (point.section.centre, point.section.radius);
+            if let PointKind::End(outward) = point.kind {
+                // The half ball: its disc, and the ball where it bulges outward.
+                let bulge = |axis: DVec3| if outward.dot(axis) > 0.0 { radius } else { 0.0 };
+                let reach = DVec3::new(bulge(DVec3::X), bulge(DVec3::Y), bulge(DVec3::Z));
+                let back = DVec3::new(bulge(-DVec3::X), bulge(-DVec3::Y), bulge(-DVec3::Z));
+                include(centre - back, centre + reach);
+            } else {
+                include(centre - DVec3::splat(radius), centre + DVec3::splat(radius));
+            }
+        }
+        bounds
+    }
+}
+
+/// Per segment, the t where the radius is not smooth, in order.
+fn breaks(curve: &Curve, profile: &Profile) -> Vec<Vec<f64>> {
+    let mut breaks = vec![Vec::new(); curve.segments().len()];
+    for &x in profile.knots() {
+        let (segment, t) = curve.locate(x * curve.length());
+        if t > 0.0 && t < 1.0 {
+            breaks[segment].push(t);
+        }
+    }
+    breaks
+}
+
+fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
+    let last = axis.curve.segments().len() - 1;
+    let least = LEAST_RADIUS * axis.profile.max();
+    let mut points = Vec::new();
+    if caps == Caps::Round {
+        for (segment, t, side) in [(0, 0.0, -1.0), (last, 1.0, 1.0)] {
+            let section = axis.section(segment, t);
+            let outward = section.tangent * side;
+            points.push(Point { section, kind: PointKind::End(outward) });
+        }
+    }
+    for joint in 0..last {
+        if axis.curve.turn(joint) > CORNER {
+            let section = axis.section(joint, 1.0);
+            let next = axis.section(joint + 1, 0.0).tangent;
+            points.push(Point { section, kind: PointKind::Corner(next) });
+        }
+    }
+    points.retain(|point| point.section.radius > least);
+    points
+}
+
+fn compile_layer(layer: &scene::Layer, time: f64) -> Layer {
+    let kind = match &layer.pattern {
+        Pattern::Constant(value) => LayerKind::Constant(*value),
+        Pattern::Sectors => LayerKind::Sectors,
+        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm, time)),
+    };
+    Layer { op: layer.op, kind, threshold: layer.threshold, multiplier: layer.multiplier }
+}
+
+fn compile_fractal(fbm: &scene::Fbm, time: f64) -> Fractal {
+    let mut octaves = Vec::new();
+    let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
+    for index in 0..fbm.octaves {
+        let frequency = fbm.frequency.map(|f| f * scale);
+        let offset = octave_offset(fbm.seed, index);
+        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scroll[i] * scale * time);
+        if amplitude > 0.0 && frequency[0].max(frequency[1]) <= FINEST {
+            octaves.push(Octave { index, frequency, origin, seed: octave_seed(fbm.seed, index), amplitude });
+        }
+        total += amplitude;
+        scale *= fbm.lacunarity;
+        amplitude *= fbm.gain;
+    }
+    if fbm.normalise && total > 0.0 {
+        for octave in &mut octaves {
+            octave.amplitude /= total;
+        }
+    }
+    Fractal {
+        octaves,
+        rate: [fbm.frequency[0].max(fbm.frequency[1]), fbm.frequency[2]],
+        log2_lacunarity: libm::log2(fbm.lacunarity),
+    }
+}

@@ -1,0 +1,76 @@
+//! One octave.
+
+use crate::num::Real;
+
+/// No value of the noise is larger in magnitude: the supremum over all gradients is 1.036353811, where the corners'
+/// gradients are chosen against a point near (0.355, 0.481, 0.5).
+pub const BOUND: f64 = 1.036_353_82;
+
+const X_PRIME: u32 = 0x9E37_79B1;
+const Y_PRIME: u32 = 0x85EB_CA77;
+const Z_PRIME: u32 = 0xC2B2_AE3D;
+const FINISH: u32 = 0x27D4_EB2F;
+/// A third of the range of signed integers.
+const THIRD: u32 = 715_827_882;
+
+/// Noise at the lattice coordinates `cell + p`, as the module defines it.
+///
+/// `|p|` must stay below 2^31; its fraction is as precise as `R` holds it.
+#[inline(always)]
+pub fn perlin<R: Real>(token: R::Token, cell: [u32; 3], p: [R; 3], seed: u32) -> R {
+    let floor = [p[0].floor(), p[1].floor(), p[2].floor()];
+    let one = R::constant(token, 1.0);
+    let (x0, y0, z0) = (p[0] - floor[0], p[1] - floor[1], p[2] - floor[2]);
+    let (x1, y1, z1) = (x0 - one, y0 - one, z0 - one);
+
+    let xs = axis_hash::<R>(token, floor[0], cell[0], X_PRIME, seed);
+    let ys = axis_hash::<R>(token, floor[1], cell[1], Y_PRIME, 0);
+    let zs = axis_hash::<R>(token, floor[2], cell[2], Z_PRIME, 0);
+
+    let (u, v, w) = (fade(token, x0), fade(token, y0), fade(token, z0));
+    let yz00 = R::bits_xor(ys.0, zs.0);
+    let yz10 = R::bits_xor(ys.1, zs.0);
+    let yz01 = R::bits_xor(ys.0, zs.1);
+    let yz11 = R::bits_xor(ys.1, zs.1);
+    let n00 = mix(corner(token, xs.0, yz00, [x0, y0, z0]), corner(token, xs.1, yz00, [x1, y0, z0]), u);
+    let n10 = mix(corner(token, xs.0, yz10, [x0, y1, z0]), corner(token, xs.1, yz10, [x1, y1, z0]), u);
+    let n01 = mix(corner(token, xs.0, yz01, [x0, y0, z1]), corner(token, xs.1, yz01, [x1, y0, z1]), u);
+    let n11 = mix(corner(token, xs.0, yz11, [x0, y1, z1]), corner(token, xs.1, yz11, [x1, y1, z1]), u);
+    mix(mix(n00, n10, v), mix(n01, n11, v), w)
+}
+
+/// Hash terms of a cell and of the next along one axis.
+#[inline(always)]
+fn axis_hash<R: Real>(token: R::Token, floor: R, cell: u32, prime: u32, seed: u32) -> (R::Bits, R::Bits) {
+    let prime_lanes = R::bits_splat(token, prime);
+    let low = R::bits_add(
+        R::bits_mul(floor.lattice(), prime_lanes),
+        R::bits_splat(token, cell.wrapping_mul(prime)),
+    );
+    let high = R::bits_add(low, prime_lanes);
+    let seed = R::bits_splat(token, seed);
+    let (low, high) = (R::bits_xor(low, seed), R::bits_xor(high, seed));
+    (R::bits_xor(low, R::bits_shr16(low)), R::bits_xor(high, R::bits_shr16(high)))
+}
+
+/// Gradient of a corner times the offset `d` from it.
+#[inline(always)]
+fn corner<R: Real>(token: R::Token, x: R::Bits, yz: R::Bits, d: [R; 3]) -> R {
+    let hash = R::bits_mul(R::bits_xor(x, yz), R::bits_splat(token, FINISH));
+    let xy = R::bits_lt_signed(hash, R::bits_splat(token, THIRD.wrapping_neg()));
+    let yz = R::bits_lt_signed(R::bits_splat(token, THIRD), hash);
+    let first = R::select(yz, d[1], d[0]);
+    let second = R::select(xy, d[1], d[2]);
+    first.flip::<9>(hash) + second.flip::<10>(hash)
+}
+
+#[inline(always)]
+fn fade<R: Real>(token: R::Token, t: R) -> R {
+    let (six, fifteen, ten) = (R::constant(token, 6.0), R::constant(token, 15.0), R::constant(token, 10.0));
+    t * t * t * (t * (t * six - fifteen) + ten)
+}
+
+#[inline(always)]
+fn mix<R: Real>(a: R, b: R, t: R) -> R {
+    a + t * (b - a)
+}

@@ -1,0 +1,6 @@
+//! Arithmetic that the kernels are written over, and the polynomial tools that set them up.
+
+pub mod poly;
+mod real;
+
+pub use real::{F32x16, Level, Real, Scalar, WithLevel, with_level};

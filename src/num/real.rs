@@ -1,0 +1,376 @@
+//! One arithmetic trait, two implementations: sixteen `f32` lanes, or one `f64`.
+//!
+//! Kernels are written once over [`Real`]. With [`F32x16`] they are the product; with `f64` they check its rounding.
+//! Sixteen lanes at every instruction set give every processor the same order of work, so the same bits. For the same
+//! reason there is no fused multiply-add, no approximate reciprocal, and minimum and maximum are selections, since the
+//! instructions for them disagree about NaN and signed zero.
+//!
+//! Generic code gets an instruction set only by being inlined into the function that enables it: every function that
+//! takes a [`Real`] must be `#[inline(always)]`, and kernels hold no closures and no iterator adaptors.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, mask32x16, u32x16};
+
+/// The product's arithmetic: sixteen `f32` lanes at the instruction set of `S`.
+pub type F32x16<S> = f32x16<S>;
+
+/// An instruction set that this processor has.
+#[derive(Debug, Clone, Copy)]
+pub struct Level(fearless_simd::Level);
+
+impl Level {
+    /// The best that this processor has.
+    pub fn best() -> Level {
+        Level(fearless_simd::Level::new())
+    }
+
+    /// A short name such as `avx2`.
+    pub fn name(self) -> String {
+        let debug = format!("{:?}", self.0);
+        debug.split('(').next().unwrap_or_default().to_lowercase()
+    }
+}
+
+/// Code to be compiled once for every instruction set.
+pub trait WithLevel {
+    /// What it returns.
+    type Output;
+    /// Runs it with sixteen-lane arithmetic `R`; must be `#[inline(always)]`.
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Self::Output;
+}
+
+/// Runs `code` compiled for the instruction set `level`.
+#[inline(always)]
+pub fn with_level<W: WithLevel>(level: Level, code: W) -> W::Output {
+    fearless_simd::dispatch!(level.0, simd => run_with(simd, code))
+}
+
+#[inline(always)]
+fn run_with<S: Simd, W: WithLevel>(simd: S, code: W) -> W::Output {
+    code.run::<f32x16<S>>(simd)
+}
+
+/// A number as it lies in memory: `f32` or `f64`.
+pub trait Scalar: Copy + Default + PartialOrd + Add<Output = Self> + Mul<Output = Self> + Send + Sync + 'static {
+    /// Rounds to the nearest.
+    fn from_f64(x: f64) -> Self;
+    /// Exact.
+    fn to_f64(self) -> f64;
+}
+
+impl Scalar for f32 {
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "the one place where double becomes single: rounding is meant")]
+    fn from_f64(x: f64) -> f32 {
+        x as f32
+    }
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Scalar for f64 {
+    #[inline(always)]
+    fn from_f64(x: f64) -> f64 {
+        x
+    }
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
+/// Lanes of floating-point numbers.
+///
+/// `Token` proves that the instruction set is there; it is handed to whatever makes lanes out of nothing.
+pub trait Real:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// One lane in memory.
+    type Scalar: Scalar;
+    /// Proof of the instruction set.
+    type Token: Copy;
+    /// As many `u32`, wrapping.
+    type Bits: Copy;
+    /// As many booleans.
+    type Mask: Copy;
+    /// Number of lanes.
+    const LANES: usize;
+
+    /// `x` in every lane.
+    fn splat(token: Self::Token, x: Self::Scalar) -> Self;
+    /// A literal, rounded once, in every lane.
+    #[inline(always)]
+    fn constant(token: Self::Token, x: f64) -> Self {
+        Self::splat(token, Self::Scalar::from_f64(x))
+    }
+    /// The first `LANES` elements of `from`, which has as many.
+    fn load(token: Self::Token, from: &[Self::Scalar]) -> Self;
+    /// Writes the lanes to the first `LANES` elements of `to`, which has as many.
+    fn store(self, to: &mut [Self::Scalar]);
+    /// The lanes of `mask` moved to the front, in order; what follows them is unspecified.
+    fn compress(self, mask: Self::Mask) -> Self;
+
+    /// Largest whole number not above each lane.
+    fn floor(self) -> Self;
+    /// Correctly rounded square root.
+    fn sqrt(self) -> Self;
+    /// Magnitude.
+    fn abs(self) -> Self;
+    /// Logarithm to base 2 of positive normal numbers, absolute error below 1e-6 (`f32`) or correctly rounded within
+    /// one unit (`f64`); finite garbage at 0.
+    fn log2(self) -> Self;
+
+    /// Lane-wise `self < other`; false with NaN.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// Lane-wise `self <= other`; false with NaN.
+    fn le(self, other: Self) -> Self::Mask;
+    /// `a` where the mask is set, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+    /// Both.
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// The opposite.
+    fn not(a: Self::Mask) -> Self::Mask;
+    /// Lane i as bit i.
+    fn bitmask(mask: Self::Mask) -> u32;
+
+    /// A floored value, magnitude below 2^31, as a two's complement integer.
+    fn lattice(self) -> Self::Bits;
+    /// `x` in every lane.
+    fn bits_splat(token: Self::Token, x: u32) -> Self::Bits;
+    /// Wrapping sum.
+    fn bits_add(a: Self::Bits, b: Self::Bits) -> Self::Bits;
+    /// Wrapping product.
+    fn bits_mul(a: Self::Bits, b: Self::Bits) -> Self::Bits;
+    /// Exclusive or.
+    fn bits_xor(a: Self::Bits, b: Self::Bits) -> Self::Bits;
+    /// Logical shift right by sixteen.
+    fn bits_shr16(a: Self::Bits) -> Self::Bits;
+    /// `a < b` as signed numbers.
+    fn bits_lt_signed(a: Self::Bits, b: Self::Bits) -> Self::Mask;
+    /// Changes sign where bit `31 - SHIFT` of `bits` is set.
+    fn flip<const SHIFT: u32>(self, bits: Self::Bits) -> Self;
+
+    /// The smaller; `other` where they do not compare.
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        Self::select(self.lt(other), self, other)
+    }
+    /// The larger; `other` where they do not compare.
+    #[inline(always)]
+    fn most(self, other: Self) -> Self {
+        Self::select(other.lt(self), self, other)
+    }
+    /// Between `lo` and `hi`; `lo` for NaN.
+    #[inline(always)]
+    fn within(self, lo: Self, hi: Self) -> Self {
+        self.most(lo).least(hi)
+    }
+}
+
+impl<S: Simd> Real for f32x16<S> {
+    type Scalar = f32;
+    type Token = S;
+    type Bits = u32x16<S>;
+    type Mask = mask32x16<S>;
+    const LANES: usize = 16;
+
+    #[inline(always)]
+    fn splat(token: S, x: f32) -> Self {
+        <Self as SimdBase<S>>::splat(token, x)
+    }
+    #[inline(always)]
+    fn load(token: S, from: &[f32]) -> Self {
+        Self::from_slice(token, &from[..16])
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        self.store_slice(&mut to[..16]);
+    }
+    #[inline(always)]
+    fn compress(self, mask: Self::Mask) -> Self {
+        <Self as SimdBase<S>>::compress(self, mask)
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        <Self as SimdFloat<S>>::floor(self)
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        <Self as SimdFloat<S>>::sqrt(self)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        <Self as SimdBase<S>>::abs(self)
+    }
+    #[inline(always)]
+    fn log2(self) -> Self {
+        // x = 2^e m with m in [sqrt(1/2), sqrt(2)), log2 m = (2 / ln 2) artanh((m - 1) / (m + 1)), five terms: the
+        // sixth is below 1e-9.
+        let bits: u32x16<S> = self.to_bits();
+        let shifted = bits - 0x3f35_04f3;
+        let exponent: i32x16<S> = shifted.bitcast::<i32x16<S>>() >> 23;
+        let mantissa: Self = ((shifted & 0x007f_ffff) + 0x3f35_04f3).bitcast();
+        let t = (mantissa - 1.0) / (mantissa + 1.0);
+        let t2 = t * t;
+        let series = ((((t2 * (1.0 / 9.0) + (1.0 / 7.0)) * t2 + (1.0 / 5.0)) * t2 + (1.0 / 3.0)) * t2 + 1.0) * t;
+        exponent.to_float::<Self>() + series * (2.0 * std::f32::consts::LOG2_E)
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Self::Mask {
+        self.simd_lt(other)
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Self::Mask {
+        self.simd_le(other)
+    }
+    #[inline(always)]
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
+        mask.select(a, b)
+    }
+    #[inline(always)]
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        a & b
+    }
+    #[inline(always)]
+    fn not(a: Self::Mask) -> Self::Mask {
+        !a
+    }
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "sixteen lanes fill sixteen bits")]
+    fn bitmask(mask: Self::Mask) -> u32 {
+        mask.to_bitmask() as u32
+    }
+    #[inline(always)]
+    fn lattice(self) -> Self::Bits {
+        self.to_int::<i32x16<S>>().bitcast()
+    }
+    #[inline(always)]
+    fn bits_splat(token: S, x: u32) -> Self::Bits {
+        u32x16::splat(token, x)
+    }
+    #[inline(always)]
+    fn bits_add(a: Self::Bits, b: Self::Bits) -> Self::Bits {
+        a + b
+    }
+    #[inline(always)]
+    fn bits_mul(a: Self::Bits, b: Self::Bits) -> Self::Bits {
+        a * b
+    }
+    #[inline(always)]
+    fn bits_xor(a: Self::Bits, b: Self::Bits) -> Self::Bits {
+        a ^ b
+    }
+    #[inline(always)]
+    fn bits_shr16(a: Self::Bits) -> Self::Bits {
+        a >> 16
+    }
+    #[inline(always)]
+    fn bits_lt_signed(a: Self::Bits, b: Self::Bits) -> Self::Mask {
+        a.bitcast::<i32x16<S>>().simd_lt(b.bitcast::<i32x16<S>>())
+    }
+    #[inline(always)]
+    fn flip<const SHIFT: u32>(self, bits: Self::Bits) -> Self {
+        (self.to_bits() ^ ((bits << SHIFT) & 0x8000_0000)).bitcast()
+    }
+}
+
+impl Real for f64 {
+    type Scalar = f64;
+    type Token = ();
+    type Bits = u32;
+    type Mask = bool;
+    const LANES: usize = 1;
+
+    #[inline(always)]
+    fn splat((): (), x: f64) -> f64 {
+        x
+    }
+    #[inline(always)]
+    fn load((): (), from: &[f64]) -> f64 {
+        from[0]
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f64]) {
+        to[0] = self;
+    }
+    #[inline(always)]
+    fn compress(self, _: bool) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn floor(self) -> f64 {
+        f64::floor(self)
+    }
+    #[inline(always)]
+    fn sqrt(self) -> f64 {
+        f64::sqrt(self)
+    }
+    #[inline(always)]
+    fn abs(self) -> f64 {
+        f64::abs(self)
+    }
+    #[inline(always)]
+    fn log2(self) -> f64 {
+        libm::log2(self)
+    }
+    #[inline(always)]
+    fn lt(self, other: f64) -> bool {
+        self < other
+    }
+    #[inline(always)]
+    fn le(self, other: f64) -> bool {
+        self <= other
+    }
+    #[inline(always)]
+    fn select(mask: bool, a: f64, b: f64) -> f64 {
+        if mask { a } else { b }
+    }
+    #[inline(always)]
+    fn and(a: bool, b: bool) -> bool {
+        a && b
+    }
+    #[inline(always)]
+    fn not(a: bool) -> bool {
+        !a
+    }
+    #[inline(always)]
+    fn bitmask(mask: bool) -> u32 {
+        u32::from(mask)
+    }
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the lattice is taken modulo 2^32")]
+    fn lattice(self) -> u32 {
+        self as i64 as u32
+    }
+    #[inline(always)]
+    fn bits_splat((): (), x: u32) -> u32 {
+        x
+    }
+    #[inline(always)]
+    fn bits_add(a: u32, b: u32) -> u32 {
+        a.wrapping_add(b)
+    }
+    #[inline(always)]
+    fn bits_mul(a: u32, b: u32) -> u32 {
+        a.wrapping_mul(b)
+    }
+    #[inline(always)]
+    fn bits_xor(a: u32, b: u32) -> u32 {
+        a ^ b
+    }
+    #[inline(always)]
+    fn bits_shr16(a: u32) -> u32 {
+        a >> 16
+    }
+    #[inline(always)]
+    fn bits_lt_signed(a: u32, b: u32) -> bool {
+        a.cast_signed() < b.cast_signed()
+    }
+    #[inline(always)]
+    fn flip<const SHIFT: u32>(self, bits: u32) -> f64 {
+        if (bits << SHIFT) & 0x8000_0000 != 0 { -self } else { self }
+    }
+}
