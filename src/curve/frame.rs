@@ -1,5 +1,8 @@
 //! Frames along a curve.
 
+use super::Segment;
+use super::polynomial::{bisect, cubic_roots_inside};
+use super::transport::{Extent, Transport, extent, turn_between};
 use glam::DVec3;
 
 /// Which frame carries the cross-section along the curve.
@@ -20,4 +23,173 @@ pub struct Frame {
     pub normal: DVec3,
     /// Where the cylinder's v axis points before twist.
     pub binormal: DVec3,
+}
+
+impl Frame {
+    /// The frame on a unit tangent that the smallest rotation from +z to it makes of +x (normal) and +y (binormal).
+    ///
+    /// On -z, where no rotation is the smallest, the normal is +x and the binormal -y.
+    pub fn on(tangent: DVec3) -> Frame {
+        let DVec3 { x, y, z } = tangent;
+        let across = x * x + y * y;
+        if z < 0.0 && across < 1e-300 {
+            return Frame { tangent, normal: DVec3::X, binormal: DVec3::NEG_Y };
+        }
+        // 1 / (1 + z), without cancellation near -z.
+        let q = if z < 0.0 { (1.0 - z) / across } else { 1.0 / (1.0 + z) };
+        Frame {
+            tangent,
+            normal: DVec3::new(1.0 - q * x * x, -q * x * y, -x),
+            binormal: DVec3::new(-q * x * y, 1.0 - q * y * y, -y),
+        }
+        .squared()
+    }
+
+    /// The frame turned about its tangent by the angle of this cosine and sine.
+    #[inline]
+    pub(super) fn turned(&self, cos: f64, sin: f64) -> Frame {
+        Frame {
+            tangent: self.tangent,
+            normal: cos * self.normal + sin * self.binormal,
+            binormal: cos * self.binormal - sin * self.normal,
+        }
+    }
+
+    /// The frame turned by the smallest rotation to another unit tangent, and about its normal to the opposite one.
+    pub(super) fn bent(&self, tangent: DVec3) -> Frame {
+        let axis = self.tangent.cross(tangent);
+        let opposite = self.tangent.dot(tangent) < 0.0;
+        if opposite && axis.length_squared() < 1e-18 {
+            return Frame { tangent, normal: self.normal, binormal: -self.binormal }.squared();
+        }
+        // 1 / (1 + cos), without cancellation near the opposite tangent.
+        let cos = self.tangent.dot(tangent);
+        let q = if opposite { (1.0 - cos) / axis.length_squared() } else { 1.0 / (1.0 + cos) };
+        let turn = |v: DVec3| v + axis.cross(v) + q * axis.cross(axis.cross(v));
+        Frame { tangent, normal: turn(self.normal), binormal: turn(self.binormal) }.squared()
+    }
+
+    /// Orthonormal to rounding again, on the same tangent.
+    fn squared(self) -> Frame {
+        let normal = (self.normal - self.normal.dot(self.tangent) * self.tangent).normalize();
+        Frame { tangent: self.tangent, normal, binormal: self.tangent.cross(normal) }
+    }
+}
+
+/// The frames of one segment.
+#[derive(Debug, Clone)]
+pub(super) struct Frames {
+    transport: Transport,
+    pieces: Vec<Piece>,
+    breaks: Vec<f64>,
+}
+
+/// From `start` on, how the frame lies.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    start: f64,
+    /// Cosine and sine of a constant turn from the transported frame; none: the principal normal by its formula.
+    turn: Option<(f64, f64)>,
+}
+
+impl Frames {
+    /// Frames of a segment that `start`, a frame on its first tangent, arrives at.
+    pub(super) fn new(segment: &Segment, rule: FrameRule, start: &Frame) -> Frames {
+        let extent = extent(segment);
+        let transport = Transport::new(segment, extent, start);
+        let pieces = match (rule, extent) {
+            (FrameRule::RotationMinimising, _) | (_, Extent::Line) => {
+                vec![Piece { start: 0.0, turn: Some((1.0, 0.0)) }]
+            }
+            (FrameRule::Frenet, _) => frenet_pieces(segment, extent, &transport),
+        };
+        let mut breaks: Vec<f64> = pieces[1..].iter().map(|piece| piece.start).collect();
+        breaks.extend(sharp_turns(segment));
+        breaks.sort_by(f64::total_cmp);
+        breaks.dedup();
+        Frames { transport, pieces, breaks }
+    }
+
+    /// The frame at t.
+    pub(super) fn at(&self, segment: &Segment, t: f64) -> Frame {
+        let next = self.pieces.partition_point(|piece| piece.start <= t).max(1);
+        match self.pieces[next - 1].turn {
+            Some((1.0, 0.0)) => self.transport.at(segment, t),
+            Some((cos, sin)) => self.transport.at(segment, t).turned(cos, sin),
+            None => principal(segment, t),
+        }
+    }
+
+    /// Every t in (0, 1) where the frame jumps, or all but jumps, ascending.
+    pub(super) fn breaks(&self) -> &[f64] {
+        &self.breaks
+    }
+}
+
+/// Tangent, principal normal and binormal of a curve with curvature at t.
+fn principal(segment: &Segment, t: f64) -> Frame {
+    let [a, b, c] = segment.turning();
+    super::transport::leaning(((c * t + b) * t + a).normalize(), segment.tangent(t))
+}
+
+/// Cusps and folds: minima of the speed, at most 1e-9 of what it is made of, in (0, 1).
+fn sharp_turns(segment: &Segment) -> Vec<f64> {
+    let [_, a, b, c] = *segment.power();
+    let speed = a.length() + 2.0 * b.length() + 3.0 * c.length();
+    let mut turns = cubic_roots_inside(segment.acceleration());
+    turns.retain(|t| segment.d1(*t).length() <= 1e-9 * speed);
+    turns
+}
+
+/// Splits [0, 1] where the curvature passes 1e-6 over the segment's size, and a planar segment's normal changes side.
+fn frenet_pieces(segment: &Segment, extent: Extent, transport: &Transport) -> Vec<Piece> {
+    let [q0, q1, q2] = segment.turning();
+    let (low, high) = segment.bounds();
+    let least = 1e-6 / (high - low).length();
+    let turning = |t: f64| (q2 * t + q1) * t + q0;
+    // |C' x C''| - least |C'|^3: the sign of the curvature less its least value.
+    let excess = |t: f64| {
+        let d1 = segment.d1(t).length();
+        turning(t).length() - least * d1 * d1 * d1
+    };
+    // The curvature is least near the least |C' x C''| and greatest near the least speed; a grid for the rest.
+    let mut ends: Vec<f64> = (0..=32).map(|i| f64::from(i) / 32.0).collect();
+    ends.extend(cubic_roots_inside(segment.acceleration()));
+    ends.extend(cubic_roots_inside([
+        q0.dot(q1),
+        q1.dot(q1) + 2.0 * q0.dot(q2),
+        3.0 * q1.dot(q2),
+        2.0 * q2.dot(q2),
+    ]));
+    ends.sort_by(f64::total_cmp);
+    ends.dedup();
+    let mut cuts = vec![0.0];
+    for pair in ends.windows(2) {
+        if (excess(pair[0]) < 0.0) != (excess(pair[1]) < 0.0) {
+            cuts.push(bisect(pair[0], pair[1], excess));
+        }
+    }
+    cuts.dedup();
+
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut carried = (1.0, 0.0);
+    for (i, &start) in cuts.iter().enumerate() {
+        let end = cuts.get(i + 1).copied().unwrap_or(1.0);
+        // The point inside the piece where the curve turns the most: never an inflection or a cusp.
+        let inside = [0.25, 0.5, 0.75].map(|x| start + x * (end - start));
+        let most = inside.into_iter().fold(inside[0], |m, t| {
+            if turning(t).length_squared() > turning(m).length_squared() { t } else { m }
+        });
+        let curved = excess(most) >= 0.0;
+        let turn = match extent {
+            Extent::Space if curved => None,
+            _ if curved => Some(turn_between(&transport.at(segment, most), &principal(segment, most))),
+            _ => Some(carried),
+        };
+        carried = turn.unwrap_or_else(|| turn_between(&transport.at(segment, end), &principal(segment, end)));
+        if pieces.last().is_none_or(|last| last.turn != turn || turn.is_none()) {
+            pieces.push(Piece { start, turn });
+        }
+    }
+    pieces
 }

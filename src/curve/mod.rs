@@ -3,10 +3,12 @@
 mod chain;
 mod frame;
 mod length;
+mod polynomial;
 mod profile;
 mod segment;
+mod transport;
 
 pub use chain::{Curve, CurveError};
 pub use frame::{Frame, FrameRule};
-pub use profile::Profile;
+pub use profile::{Profile, ProfileError};
 pub use segment::Segment;

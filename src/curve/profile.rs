@@ -1,1 +1,226 @@
 //! The radius along a curve.
+
+/// Why keys do not make a profile.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ProfileError {
+    /// There is no key.
+    #[error("a profile needs at least one key")]
+    Empty,
+    /// A place is not a number from 0 to 1.
+    #[error("key {key} is at {x}, outside of 0 to 1")]
+    Place {
+        /// Counted from 0.
+        key: usize,
+        /// Where the key is.
+        x: f64,
+    },
+    /// A value is negative, not finite, or beyond 1e60.
+    #[error("key {key} has the value {value}, outside of 0 to 1e60")]
+    Value {
+        /// Counted from 0.
+        key: usize,
+        /// The key's value.
+        value: f64,
+    },
+    /// A key lies before the one before it.
+    #[error("key {key} is at {x}, before the key before it")]
+    Order {
+        /// Counted from 0.
+        key: usize,
+        /// Where the key is.
+        x: f64,
+    },
+    /// Two keys are closer than 1e-9 but not at one place.
+    #[error("key {key} is less than 1e-9 after the key before it; the same place twice makes a jump")]
+    Close {
+        /// The second of the two, counted from 0.
+        key: usize,
+    },
+    /// More than two keys at one place, or two at an end of the curve, where a jump has one side only.
+    #[error("key {key} repeats the place {x}, which {}", if *.x > 0.0 && *.x < 1.0 { "two keys already share" } else { "is an end" })]
+    Repeat {
+        /// Counted from 0.
+        key: usize,
+        /// Where the key is.
+        x: f64,
+    },
+}
+
+/// A value over x in [0, 1], at least 0: the radius over the fraction of the arc length.
+///
+/// Between keys a monotone cubic: never above the larger nor below the smaller of two neighbouring keys, with a continuous slope
+/// (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980: slopes at keys are the mean of the two
+/// chords' slopes, zero where these differ in sign, and both ends of an interval are scaled back into the circle of radius 3).
+/// Before the first key and after the last it is constant; two keys at one x make a jump.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    knots: Vec<f64>,
+    /// `knots.len() + 1` pieces: piece i ends at knot i.
+    pieces: Vec<Piece>,
+}
+
+/// A monotone cubic on one interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Piece {
+    x0: f64,
+    x1: f64,
+    v0: f64,
+    v1: f64,
+    /// Slopes at the ends times the interval's width.
+    m0: f64,
+    m1: f64,
+}
+
+impl Piece {
+    fn constant(x0: f64, x1: f64, value: f64) -> Piece {
+        Piece { x0, x1, v0: value, v1: value, m0: 0.0, m1: 0.0 }
+    }
+
+    fn at(&self, x: f64) -> f64 {
+        let u = (x - self.x0) / (self.x1 - self.x0);
+        let rise = self.v1 - self.v0;
+        let value = self.v0
+            + u * (self.m0
+                + u * ((3.0 * rise - 2.0 * self.m0 - self.m1) + u * (self.m0 + self.m1 - 2.0 * rise)));
+        // Monotone but for rounding, and outside the piece constant.
+        let (low, high) = (self.v0.min(self.v1), self.v0.max(self.v1));
+        if x <= self.x0 {
+            self.v0
+        } else if x >= self.x1 {
+            self.v1
+        } else {
+            value.max(low).min(high)
+        }
+    }
+}
+
+impl Profile {
+    /// The same value everywhere.
+    ///
+    /// # Errors
+    ///
+    /// A value that is negative, not finite, or beyond 1e60.
+    pub fn constant(value: f64) -> Result<Profile, ProfileError> {
+        Profile::keyed(&[(0.0, value)])
+    }
+
+    /// Keys (x, value) in order of x.
+    ///
+    /// # Errors
+    ///
+    /// No key; x outside [0, 1], not ascending, or closer than 1e-9 without being equal; more than two keys at one x, or two at 0 or 1; a value
+    /// that is negative, not finite, or beyond 1e60.
+    pub fn keyed(keys: &[(f64, f64)]) -> Result<Profile, ProfileError> {
+        check(keys)?;
+        let Some((&first, &last)) = keys.first().zip(keys.last()) else { return Err(ProfileError::Empty) };
+        let mut pieces = Vec::with_capacity(keys.len() + 1);
+        if first.0 > 0.0 {
+            pieces.push(Piece::constant(0.0, first.0, first.1));
+        }
+        for run in keys.chunk_by(|a, b| a.0 < b.0) {
+            monotone(run, &mut pieces);
+        }
+        if last.0 < 1.0 {
+            pieces.push(Piece::constant(last.0, 1.0, last.1));
+        }
+        let knots = pieces[1..].iter().map(|piece| piece.x0).collect();
+        Ok(Profile { knots, pieces })
+    }
+
+    /// The value at x, clamped to [0, 1]; at a jump the value after it.
+    pub fn at(&self, x: f64) -> f64 {
+        self.at_in(self.knots.partition_point(|knot| *knot <= x), x)
+    }
+
+    /// The value at x as piece `piece` has it, which runs from knot `piece - 1` (or 0) to knot `piece` (or 1); x is clamped to that.
+    pub fn at_in(&self, piece: usize, x: f64) -> f64 {
+        self.pieces[piece].at(x)
+    }
+
+    /// Least and greatest value for x in [x0, x1], exact to rounding; of a jump in it or at its ends both sides count.
+    pub fn range(&self, x0: f64, x1: f64) -> (f64, f64) {
+        // From the piece that ends at or after x0 to the one that starts at or before x1.
+        let first = self.knots.partition_point(|knot| *knot < x0);
+        let last = self.knots.partition_point(|knot| *knot <= x1).max(first);
+        let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
+        for piece in &self.pieces[first..=last] {
+            for value in [piece.at(x0), piece.at(x1)] {
+                low = low.min(value);
+                high = high.max(value);
+            }
+        }
+        (low, high)
+    }
+
+    /// Every x strictly inside (0, 1) where a derivative of the profile, or the profile itself, may jump, ascending.
+    pub fn knots(&self) -> &[f64] {
+        &self.knots
+    }
+
+    /// The greatest value.
+    pub fn max(&self) -> f64 {
+        self.range(0.0, 1.0).1
+    }
+
+    /// The value, where it is the same everywhere.
+    pub fn as_constant(&self) -> Option<f64> {
+        let (low, high) = self.range(0.0, 1.0);
+        (low == high).then_some(low)
+    }
+}
+
+fn check(keys: &[(f64, f64)]) -> Result<(), ProfileError> {
+    if keys.is_empty() {
+        return Err(ProfileError::Empty);
+    }
+    for (key, &(x, value)) in keys.iter().enumerate() {
+        if !(0.0..=1.0).contains(&x) {
+            return Err(ProfileError::Place { key, x });
+        }
+        if !(0.0..=1e60).contains(&value) {
+            return Err(ProfileError::Value { key, value });
+        }
+        if key == 0 {
+            continue;
+        }
+        let before = keys[key - 1].0;
+        if x < before {
+            return Err(ProfileError::Order { key, x });
+        }
+        if x == before {
+            if x == 0.0 || x == 1.0 || (key > 1 && keys[key - 2].0 == x) {
+                return Err(ProfileError::Repeat { key, x });
+            }
+        } else if x - before < 1e-9 {
+            return Err(ProfileError::Close { key });
+        }
+    }
+    Ok(())
+}
+
+/// Appends the pieces between keys of strictly ascending x.
+fn monotone(keys: &[(f64, f64)], pieces: &mut Vec<Piece>) {
+    let chords: Vec<f64> = keys.windows(2).map(|w| (w[1].1 - w[0].1) / (w[1].0 - w[0].0)).collect();
+    let (Some(&first), Some(&last)) = (chords.first(), chords.last()) else { return };
+    let mut slopes = vec![first];
+    slopes.extend(chords.windows(2).map(|d| if d[0] * d[1] > 0.0 { 0.5 * (d[0] + d[1]) } else { 0.0 }));
+    slopes.push(last);
+    for (i, &chord) in chords.iter().enumerate() {
+        if chord == 0.0 {
+            (slopes[i], slopes[i + 1]) = (0.0, 0.0);
+            continue;
+        }
+        let (a, b) = (slopes[i] / chord, slopes[i + 1] / chord);
+        let square = a * a + b * b;
+        if square > 9.0 {
+            let scale = 3.0 / square.sqrt();
+            (slopes[i], slopes[i + 1]) = (scale * a * chord, scale * b * chord);
+        }
+    }
+    for (pair, m) in keys.windows(2).zip(slopes.windows(2)) {
+        let (x0, v0) = pair[0];
+        let (x1, v1) = pair[1];
+        let width = x1 - x0;
+        pieces.push(Piece { x0, x1, v0, v1, m0: m[0] * width, m1: m[1] * width });
+    }
+}
