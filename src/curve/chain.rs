@@ -106,6 +106,8 @@ impl Curve {
 
     /// Segment and t at arc length `s` in metres, clamped to the curve; at a joint the later segment.
     pub fn locate(&self, s: f64) -> (usize, f64) {
+        // What is no number becomes 0 here.
+        let s = s.max(0.0);
         let last = self.segments.len() - 1;
         let segment = self.starts[1..=last].partition_point(|start| *start <= s);
         let total = self.starts[segment + 1] - self.starts[segment];
@@ -168,4 +170,173 @@ fn check(segments: &[Segment]) -> Result<(), CurveError> {
         before = Some((i, segment, size));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Random, part};
+    use super::*;
+    use glam::{DVec3, dvec3};
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    const RULE: FrameRule = FrameRule::RotationMinimising;
+
+    fn line(a: DVec3, b: DVec3) -> Segment {
+        Segment::quadratic([a, 0.5 * (a + b), b])
+    }
+
+    fn wavy(random: &mut Random) -> Curve {
+        let (whole, other) = (random.cubic(), random.quadratic());
+        let shift = whole.at(1.0) - other.at(0.0);
+        let [a, b, c] = [0.0, 0.5, 1.0].map(|t| other.at(t) + shift);
+        let middle = 2.0 * b - 0.5 * (a + c);
+        let segments =
+            vec![part(&whole, 0.0, 0.3), part(&whole, 0.3, 1.0), Segment::quadratic([a, middle, c])];
+        Curve::new(segments, RULE).expect("no gap")
+    }
+
+    #[test]
+    fn what_is_no_curve_is_refused() {
+        let x = DVec3::X;
+        let good = line(DVec3::ZERO, x);
+        let error = |segments: &[Segment]| Curve::new(segments.to_vec(), RULE).expect_err("not a curve");
+        assert_eq!(error(&[]), CurveError::Empty);
+        assert_eq!(error(&[good, line(x, x)]), CurveError::ZeroLength { segment: 1 });
+        let cubic = Segment::cubic([x / 3.0, x / 3.0, x / 3.0, x / 3.0]);
+        assert_eq!(error(&[cubic]), CurveError::ZeroLength { segment: 0 });
+        for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY] {
+            let bad = dvec3(0.0, bad, 0.0);
+            for points in [[bad, x, x], [x, bad, x], [x, x, bad]] {
+                assert_eq!(error(&[good, Segment::quadratic(points)]), CurveError::NotFinite { segment: 1 });
+                let [a, b, c] = points;
+                for points in [[a, b, c, x], [x, a, b, c]] {
+                    assert_eq!(error(&[good, Segment::cubic(points)]), CurveError::NotFinite { segment: 1 });
+                }
+            }
+        }
+        for size in [1e-61, 1e61, 1e308] {
+            assert!(matches!(error(&[line(DVec3::ZERO, size * x)]), CurveError::Scale { segment: 0, .. }));
+        }
+        let CurveError::Gap { segment: 0, size } = error(&[good, line(1.00001 * x, 2.0 * x)]) else {
+            panic!("the gap is 1e-5 of the size")
+        };
+        assert!((size - 1e-5).abs() < 1e-15);
+        assert!(Curve::new(vec![good, line(1.000_000_1 * x, 2.0 * x)], RULE).is_ok());
+        // Far away the same gap is a few ulp.
+        let far = 1e12 * DVec3::Y;
+        assert!(
+            Curve::new(vec![line(far, far + x), line(far + dvec3(1.0, 2e-4, 0.0), far + 2.0 * x)], RULE)
+                .is_ok()
+        );
+        let message = error(&[good, line(2.0 * x, 3.0 * x)]).to_string();
+        assert_eq!(message, "gap of 1e0 m between segments 0 and 1");
+    }
+
+    #[test]
+    fn locate_inverts_arc_length() {
+        let mut random = Random(30);
+        for _ in 0..100 {
+            let curve = wavy(&mut random);
+            for k in 0..=50 {
+                let s = curve.length() * f64::from(k) / 50.0;
+                let (segment, t) = curve.locate(s);
+                // The inversion stops at 2e-16 of the length, the lengths are sums of some roundings.
+                assert!((curve.arc_length(segment, t) - s).abs() < 4e-15 * curve.length());
+            }
+            assert_eq!(curve.locate(-1.0), (0, 0.0));
+            assert_eq!(curve.locate(2.0 * curve.length()), (2, 1.0));
+            assert_eq!(curve.locate(f64::NAN).0, 0);
+            assert_eq!(curve.locate(curve.arc_length(0, 1.0)), (1, 0.0));
+            assert_eq!(curve.arc_length(1, 1.0), curve.arc_length(2, 0.0));
+        }
+    }
+
+    #[test]
+    fn locate_at_folds_and_vanishing_speeds() {
+        let fold = Curve::new(vec![Segment::quadratic([DVec3::ZERO, 1.5 * DVec3::X, DVec3::X])], RULE);
+        let fold = fold.expect("a curve");
+        let slow = Curve::new(vec![Segment::cubic([DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::X])], RULE);
+        let slow = slow.expect("a curve");
+        for k in 0..=1000 {
+            let x = f64::from(k) / 1000.0;
+            let (_, t) = fold.locate(1.25 * x);
+            assert!((fold.arc_length(0, t) - 1.25 * x).abs() < 1e-15);
+            // s = t^3
+            assert!(
+                (slow.locate(x * x * x).1 - x).abs() < 1e-5
+                    && (slow.arc_length(0, x) - x * x * x).abs() < 1e-15
+            );
+        }
+        // Out by 9/8: the point is at 1 again for s = 1 and s = 1.25.
+        assert!((fold.segments()[0].at(fold.locate(1.0).1).x - 1.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn frames_do_not_jump_at_smooth_joints() {
+        let mut random = Random(31);
+        for _ in 0..100 {
+            let curve = wavy(&mut random);
+            assert!(curve.turn(0) < 1e-11);
+            let (before, after) = (curve.frame(0, 1.0), curve.frame(1, 0.0));
+            assert!(before.normal.distance(after.normal) < 1e-11);
+            // At the corner the frame turns about T1 x T2 by the angle between them.
+            let (before, after) = (curve.frame(1, 1.0), curve.frame(2, 0.0));
+            assert!(after.normal.distance(before.bent(after.tangent).normal) < 1e-13);
+        }
+    }
+
+    #[test]
+    fn corners_of_all_angles() {
+        for (degrees, tolerance) in
+            [(0.0_f64, 1e-15), (1.0, 1e-15), (90.0, 1e-15), (179.0, 1e-14), (180.0, 0.0)]
+        {
+            let angle = degrees / 180.0 * PI;
+            let away =
+                if degrees == 180.0 { -DVec3::X } else { dvec3(libm::cos(angle), libm::sin(angle), 0.0) };
+            let curve = Curve::new(vec![line(DVec3::ZERO, DVec3::X), line(DVec3::X, DVec3::X + away)], RULE);
+            let curve = curve.expect("a curve");
+            assert!((curve.turn(0) - angle).abs() < 1e-15 && curve.turn(1) == 0.0);
+            let (f, g) = (curve.frame(0, 1.0), curve.frame(1, 0.5));
+            // On +x the start frame is -z, y.
+            assert!(f.normal.distance(-DVec3::Z) < 1e-15);
+            assert!(g.normal.distance(-DVec3::Z) <= tolerance, "{degrees}");
+            assert!(g.normal.cross(g.binormal).distance(g.tangent) < 1e-14);
+        }
+        let right = Curve::new(vec![line(DVec3::ZERO, DVec3::Z), line(DVec3::Z, dvec3(1.0, 0.0, 1.0))], RULE);
+        let right = right.expect("a curve");
+        assert!((right.turn(0) - FRAC_PI_2).abs() < 1e-15);
+        assert!(right.frame(1, 0.0).normal.distance(-DVec3::Z) < 1e-15);
+    }
+
+    #[test]
+    fn a_vertical_tube_has_the_scene_s_axes() {
+        let curve = Curve::new(vec![line(DVec3::ZERO, 2.0 * DVec3::Z)], RULE).expect("a curve");
+        let expected = Frame { tangent: DVec3::Z, normal: DVec3::X, binormal: DVec3::Y };
+        assert_eq!(curve.frame(0, 0.7), expected);
+        assert_eq!((curve.length(), curve.arc_length(0, 0.25), curve.locate(1.0)), (2.0, 0.5, (0, 0.5)));
+    }
+
+    #[test]
+    fn powers_of_two_change_no_bit_and_other_scales_hardly_any() {
+        let mut random = Random(32);
+        for _ in 0..20 {
+            let points = [random.point(), random.point(), random.point(), random.point()];
+            let make = |scale: f64, rule| {
+                Curve::new(vec![Segment::cubic(points.map(|p| scale * p))], rule).expect("a curve")
+            };
+            for rule in [FrameRule::RotationMinimising, FrameRule::Frenet] {
+                let one = make(1.0, rule);
+                for exponent in [-150, -60, 20, 150] {
+                    let other = make(2.0_f64.powi(exponent), rule);
+                    assert_eq!(other.length(), one.length() * 2.0_f64.powi(exponent));
+                    assert_eq!(other.frame(0, 0.7), one.frame(0, 0.7));
+                }
+                for scale in [1e-55, 1e-18, 1e18, 1e55] {
+                    let other = make(scale, rule);
+                    assert!((other.length() / scale / one.length() - 1.0).abs() < 1e-13);
+                    assert!(other.frame(0, 0.7).normal.distance(one.frame(0, 0.7).normal) < 1e-11);
+                }
+            }
+        }
+    }
 }
