@@ -42,7 +42,8 @@ pub enum CurveError {
 
 /// A chain of segments, each beginning where the one before it ends, in metres.
 ///
-/// Parameters are a segment's index and its t in [0, 1]. No index that [`Curve::segments`] has makes a method panic.
+/// Parameters are a segment's index and its t in [0, 1]. No index that [`Curve::segments`] has makes a method
+/// panic.
 #[derive(Debug, Clone)]
 pub struct Curve {
     segments: Vec<Segment>,
@@ -58,8 +59,8 @@ impl Curve {
     ///
     /// # Errors
     ///
-    /// No segment; one that is not finite, has no length, or is smaller than 1e-60 or larger than 1e60; a gap between two of more
-    /// than 1e-6 of the smaller one's size (and more than rounding of the coordinates).
+    /// No segment; one that is not finite, has no length, or is smaller than 1e-60 or larger than 1e60; a gap
+    /// between two of more than 1e-6 of the smaller one's size (and more than rounding of the coordinates).
     pub fn new(segments: Vec<Segment>, rule: FrameRule) -> Result<Curve, CurveError> {
         check(&segments)?;
         let lengths: Vec<ArcLength> = segments.iter().map(ArcLength::new).collect();
@@ -98,8 +99,9 @@ impl Curve {
 
     /// Arc length in metres from the start of the curve, error at most 1e-12 of its length.
     ///
-    /// Continuous at joints to the last bit. A quadratic is measured in closed form from its vertex, or where it is nearly straight, like a
-    /// cubic, by Gauss-Legendre quadrature on intervals that are known to suffice.
+    /// Continuous at joints to the last bit. A quadratic is measured in closed form from its vertex, or where
+    /// it is nearly straight, like a cubic, by Gauss-Legendre quadrature on intervals that are known to
+    /// suffice.
     pub fn arc_length(&self, segment: usize, t: f64) -> f64 {
         self.starts[segment] + self.lengths[segment].at(&self.segments[segment], t)
     }
@@ -117,23 +119,26 @@ impl Curve {
 
     /// The frame at a point of the curve, orthonormal to 1e-14.
     ///
-    /// At the start of the curve it is [`Frame::on`] the tangent. The rotation-minimising frame has errors below 1e-11 radians and is analytic
-    /// in t between [`Curve::breaks`]. At a corner it is turned by the rotation that takes one tangent to the other, and
-    /// where the curve doubles back at a joint or a fold, about its normal; at a cusp within a plane curve it
-    /// turns in that plane. The Frenet frame's normal is the principal normal; where the curvature is below 1e-6 over the
-    /// segment's size the frame is carried on as a rotation-minimising one.
+    /// At the start of the curve it is [`Frame::on`] the tangent. The rotation-minimising frame has errors
+    /// below 1e-11 radians and is analytic in t between [`Curve::breaks`]. At a corner it is turned by the
+    /// rotation that takes one tangent to the other, and where the curve doubles back at a joint or a fold,
+    /// about its normal; at a cusp within a plane curve it turns in that plane. The Frenet frame's normal is
+    /// the principal normal; where the curvature is below 1e-6 over the segment's size the frame is carried
+    /// on as a rotation-minimising one.
     pub fn frame(&self, segment: usize, t: f64) -> Frame {
         self.frames[segment].at(&self.segments[segment], t)
     }
 
-    /// Every t strictly inside a segment where its frame jumps, ascending: cusps, folds, flips of the Frenet frame.
+    /// Every t strictly inside a segment where its frame jumps, ascending: cusps, folds, flips of the Frenet
+    /// frame.
     ///
     /// A turn too sharp to be told from a cusp (speed below 1e-9 of the segment's) counts as one.
     pub fn breaks(&self, segment: usize) -> &[f64] {
         self.frames[segment].breaks()
     }
 
-    /// Angle in radians, 0 to pi, by which the tangent turns from the end of segment `joint` to the start of the next.
+    /// Angle in radians, 0 to pi, by which the tangent turns from the end of segment `joint` to the start of
+    /// the next.
     ///
     /// 0 after the last segment.
     pub fn turn(&self, joint: usize) -> f64 {
@@ -338,5 +343,54 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn coinciding_and_nearly_coinciding_points() {
+        let mut random = Random(33);
+        let mut curves = 0;
+        for i in 0..4000 {
+            // Points of a small lattice, each off it by 10^-k or not at all: coincidences, folds, cusps,
+            // planes, inflections, nearly.
+            let off = 0.1_f64.powi(i % 18);
+            let mut point = || {
+                let corner = (1.5 * random.point()).round();
+                if random.unit() < 0.5 { corner } else { corner + off * random.point() }
+            };
+            let p = [point(), point(), point(), point()];
+            let segment = if i % 3 == 0 { Segment::quadratic([p[0], p[1], p[2]]) } else { Segment::cubic(p) };
+            for rule in [FrameRule::RotationMinimising, FrameRule::Frenet] {
+                let curve = match Curve::new(vec![segment], rule) {
+                    Ok(curve) => curve,
+                    Err(error) => {
+                        assert_eq!(error, CurveError::ZeroLength { segment: 0 });
+                        continue;
+                    }
+                };
+                curves += 1;
+                let mut before = 0.0;
+                for k in 0..=60 {
+                    let t = if k <= 40 { f64::from(k) / 40.0 } else { 0.5_f64.powi(k - 40) };
+                    let f = curve.frame(0, t);
+                    // A few roundings.
+                    assert!(
+                        (f.tangent.length() - 1.0).abs() < 1e-14 && (f.normal.length() - 1.0).abs() < 1e-14
+                    );
+                    assert!(f.normal.cross(f.binormal).distance(f.tangent) < 1e-14, "{p:?} at {t}");
+                    if k <= 40 {
+                        let s = curve.arc_length(0, t);
+                        assert!(s >= before - 1e-15 * curve.length());
+                        // Between the chord and the sum of the legs, but for rounding of the points.
+                        let legs = p[0].distance(p[1]) + p[1].distance(p[2]) + p[2].distance(p[3]);
+                        assert!(s <= legs + 1e-14 && s >= segment.at(0.0).distance(segment.at(t)) - 1e-14);
+                        let back = curve.locate(s);
+                        assert!((curve.arc_length(0, back.1) - s).abs() <= 4e-15 * curve.length());
+                        before = s;
+                    }
+                }
+                assert!(curve.breaks(0).iter().all(|t| *t > 0.0 && *t < 1.0));
+            }
+        }
+        assert!(curves > 7000);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Segment;
 use super::polynomial::{bisect, cubic_roots_inside};
-use super::transport::{Extent, Transport, extent, turn_between};
+use super::transport::{Extent, Transport, extent, leaning, turn_between};
 use glam::DVec3;
 
 /// Which frame carries the cross-section along the curve.
@@ -26,7 +26,8 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame on a unit tangent that the smallest rotation from +z to it makes of +x (normal) and +y (binormal).
+    /// The frame on a unit tangent that the smallest rotation from +z to it makes of +x (normal) and +y
+    /// (binormal).
     ///
     /// On -z, where no rotation is the smallest, the normal is +x and the binormal -y.
     pub fn on(tangent: DVec3) -> Frame {
@@ -55,7 +56,8 @@ impl Frame {
         }
     }
 
-    /// The frame turned by the smallest rotation to another unit tangent, and about its normal to the opposite one.
+    /// The frame turned by the smallest rotation to another unit tangent, and about its normal to the
+    /// opposite one.
     pub(super) fn bent(&self, tangent: DVec3) -> Frame {
         let axis = self.tangent.cross(tangent);
         let opposite = self.tangent.dot(tangent) < 0.0;
@@ -88,7 +90,8 @@ pub(super) struct Frames {
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     start: f64,
-    /// Cosine and sine of a constant turn from the transported frame; none: the principal normal by its formula.
+    /// Cosine and sine of a constant turn from the transported frame; none: the principal normal by its
+    /// formula.
     turn: Option<(f64, f64)>,
 }
 
@@ -129,7 +132,7 @@ impl Frames {
 /// Tangent, principal normal and binormal of a curve with curvature at t.
 fn principal(segment: &Segment, t: f64) -> Frame {
     let [a, b, c] = segment.turning();
-    super::transport::leaning(((c * t + b) * t + a).normalize(), segment.tangent(t))
+    leaning(((c * t + b) * t + a).normalize(), segment.tangent(t))
 }
 
 /// Cusps and folds: minima of the speed, at most 1e-9 of what it is made of, in (0, 1).
@@ -141,7 +144,8 @@ fn sharp_turns(segment: &Segment) -> Vec<f64> {
     turns
 }
 
-/// Splits [0, 1] where the curvature passes 1e-6 over the segment's size, and a planar segment's normal changes side.
+/// Splits [0, 1] where the curvature passes 1e-6 over the segment's size, and a planar segment's normal
+/// changes side.
 fn frenet_pieces(segment: &Segment, extent: Extent, transport: &Transport) -> Vec<Piece> {
     let [q0, q1, q2] = segment.turning();
     let (low, high) = segment.bounds();
@@ -186,7 +190,8 @@ fn frenet_pieces(segment: &Segment, extent: Extent, transport: &Transport) -> Ve
             _ if curved => Some(turn_between(&transport.at(segment, most), &principal(segment, most))),
             _ => Some(carried),
         };
-        // A planar piece's turn is the one before it to rounding, or opposite to it: rounding must not make a break.
+        // A planar piece's turn is the one before it to rounding, or opposite to it: rounding must not make a
+        // break.
         let turn =
             turn.map(|(x, y)| if x * carried.0 + y * carried.1 > 1.0 - 1e-9 { carried } else { (x, y) });
         carried = turn.unwrap_or_else(|| turn_between(&transport.at(segment, end), &principal(segment, end)));
@@ -224,7 +229,8 @@ mod tests {
             };
             let f = Frame::on(tangent);
             assert_orthonormal(&f);
-            // The axis of the rotation, z x T, stays: its shares of x and y are its shares of normal and binormal.
+            // The axis of the rotation, z x T, stays: its shares of x and y are its shares of normal and
+            // binormal.
             let axis = DVec3::Z.cross(tangent).normalize();
             assert!((axis.x * f.normal + axis.y * f.binormal).distance(axis) < 1e-13);
         }
@@ -282,7 +288,8 @@ mod tests {
     fn frenet_flips_at_the_inflection_of_a_plane_s() {
         let s = Segment::cubic([DVec3::ZERO, dvec3(0.3, 1.0, 0.0), dvec3(0.7, -1.0, 0.0), DVec3::X]);
         let flipping = frames(&s, FrameRule::Frenet);
-        // The curve bends to the right first, and is carried on for the moment that its curvature is below 1e-6.
+        // The curve bends to the right first, and is carried on for the moment that its curvature is below
+        // 1e-6.
         assert_eq!(flipping.breaks().len(), 1);
         let flip = flipping.breaks()[0];
         assert!(flip > 0.5 && flip < 0.5 + 1e-6);

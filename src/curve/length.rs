@@ -8,7 +8,8 @@ use super::polynomial::{GAUSS_8, GAUSS_16, bisect, cubic_roots_inside, gauss};
 pub(super) enum ArcLength {
     /// Constant speed.
     Line(f64),
-    /// Nearly constant speed: the singularities of |C'| are at least 98 from [0, 1], and eight points give all digits.
+    /// Nearly constant speed: the singularities of |C'| are at least 98 from [0, 1], and eight points give
+    /// all digits.
     Even,
     /// A quadratic measured from the vertex of its parabola.
     Vertex(Vertex),

@@ -37,7 +37,7 @@ pub enum ProfileError {
         key: usize,
     },
     /// More than two keys at one place, or two at an end of the curve, where a jump has one side only.
-    #[error("key {key} repeats the place {x}, which {}", if *.x > 0.0 && *.x < 1.0 { "two keys already share" } else { "is an end" })]
+    #[error("key {key} is one too many at {x}: two keys make a jump, and only between 0 and 1")]
     Repeat {
         /// Counted from 0.
         key: usize,
@@ -48,10 +48,11 @@ pub enum ProfileError {
 
 /// A value over x in [0, 1], at least 0: the radius over the fraction of the arc length.
 ///
-/// Between keys a monotone cubic: never above the larger nor below the smaller of two neighbouring keys, with a continuous slope
-/// (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980: slopes at keys are the mean of the two
-/// chords' slopes, zero where these differ in sign, and both ends of an interval are scaled back into the circle of radius 3).
-/// Before the first key and after the last it is constant; two keys at one x make a jump.
+/// Between keys a monotone cubic: never above the larger nor below the smaller of two neighbouring keys, with
+/// a continuous slope (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980: slopes at keys
+/// are the mean of the two chords' slopes, zero where these differ in sign, and both ends of an interval are
+/// scaled back into the circle of radius 3). Before the first key and after the last it is constant; two keys
+/// at one x make a jump.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     knots: Vec<f64>,
@@ -108,8 +109,8 @@ impl Profile {
     ///
     /// # Errors
     ///
-    /// No key; x outside [0, 1], not ascending, or closer than 1e-9 without being equal; more than two keys at one x, or two at 0 or 1; a value
-    /// that is negative, not finite, or beyond 1e60.
+    /// No key; x outside [0, 1], not ascending, or closer than 1e-9 without being equal; more than two keys
+    /// at one x, or two at 0 or 1; a value that is negative, not finite, or beyond 1e60.
     pub fn keyed(keys: &[(f64, f64)]) -> Result<Profile, ProfileError> {
         check(keys)?;
         let Some((&first, &last)) = keys.first().zip(keys.last()) else { return Err(ProfileError::Empty) };
@@ -132,12 +133,14 @@ impl Profile {
         self.at_in(self.knots.partition_point(|knot| *knot <= x), x)
     }
 
-    /// The value at x as piece `piece` has it, which runs from knot `piece - 1` (or 0) to knot `piece` (or 1); x is clamped to that.
+    /// The value at x as piece `piece` has it, which runs from knot `piece - 1` (or 0) to knot `piece` (or
+    /// 1); x is clamped to that.
     pub fn at_in(&self, piece: usize, x: f64) -> f64 {
         self.pieces[piece].at(x)
     }
 
-    /// Least and greatest value for x in [x0, x1], exact to rounding; of a jump in it or at its ends both sides count.
+    /// Least and greatest value for x in [x0, x1], exact to rounding; of a jump in it or at its ends both
+    /// sides count.
     pub fn range(&self, x0: f64, x1: f64) -> (f64, f64) {
         // From the piece that ends at or after x0 to the one that starts at or before x1.
         let first = self.knots.partition_point(|knot| *knot < x0);
@@ -152,7 +155,8 @@ impl Profile {
         (low, high)
     }
 
-    /// Every x strictly inside (0, 1) where a derivative of the profile, or the profile itself, may jump, ascending.
+    /// Every x strictly inside (0, 1) where a derivative of the profile, or the profile itself, may jump,
+    /// ascending.
     pub fn knots(&self) -> &[f64] {
         &self.knots
     }
@@ -258,7 +262,7 @@ mod tests {
         assert_eq!(error(&[(0.5, 1.0), (0.5, 2.0), (0.5, 3.0)]), ProfileError::Repeat { key: 2, x: 0.5 });
         assert_eq!(error(&[(0.0, 1.0), (0.0, 2.0)]), ProfileError::Repeat { key: 1, x: 0.0 });
         let message = error(&[(0.0, 1.0), (0.0, 2.0)]).to_string();
-        assert_eq!(message, "key 1 repeats the place 0, which is an end");
+        assert_eq!(message, "key 1 is one too many at 0: two keys make a jump, and only between 0 and 1");
     }
 
     #[test]

@@ -5,8 +5,9 @@ use glam::DVec3;
 
 /// A quadratic or cubic Bezier segment, t in [0, 1], held in power form.
 ///
-/// Coefficients that are mere rounding of the control points (below 8 ulp of the largest coordinate) are exactly zero: an elevated
-/// quadratic is a quadratic again, and evenly spaced points on a line make a segment of degree 1.
+/// Coefficients that are mere rounding of the control points (below 8 ulp of the largest coordinate) are
+/// exactly zero: an elevated quadratic is a quadratic again, and evenly spaced points on a line make a
+/// segment of degree 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// `C(t) = c[0] + c[1] t + c[2] t^2 + c[3] t^3`, metres.
@@ -65,8 +66,8 @@ impl Segment {
 
     /// The unit tangent; the zero vector where the segment has no length.
     ///
-    /// Where C' vanishes to rounding it is the limit of the tangent: from below at t = 1, from above elsewhere, so at a cusp
-    /// inside the segment the tangent after it.
+    /// Where C' vanishes to rounding it is the limit of the tangent: from below at t = 1, from above
+    /// elsewhere, so at a cusp inside the segment the tangent after it.
     #[inline]
     pub fn tangent(&self, t: f64) -> DVec3 {
         let d = self.d1(t);

@@ -1,19 +1,21 @@
 //! The rotation-minimising frame along one segment.
 //!
-//! A frame that leans on a fixed unit vector n, `B = normalise(n - (n.T) T)`, `N = B x T`, turns about the tangent at the rate
+//! A frame that leans on a fixed unit vector n, `B = normalise(n - (n.T) T)`, `N = B x T`, turns about the
+//! tangent at the rate
 //!
 //! ```text
 //! N' . B = (n . C') (n . C' x C'') / (|C'| |n x C'|^2)
 //! ```
 //!
-//! so the rotation-minimising frame is that frame turned back by the rate's integral. In a plane with normal n the rate is zero and
-//! the frame is closed form, through cusps and folds too. A cubic that leaves every plane has no cusp (C' = 0 would put
-//! all its derivatives in one plane); it is cut into spans along which T stays within 60 degrees, n is the
-//! normal of the span's end tangents, and eight Gauss points integrate the small rate that is left. There is no step error, and nothing to see
-//! at the ends of spans.
+//! so the rotation-minimising frame is that frame turned back by the rate's integral. In a plane with normal
+//! n the rate is zero and the frame is closed form, through cusps and folds too. A cubic that leaves every
+//! plane has no cusp (C' = 0 would put all its derivatives in one plane); it is cut into spans along which T
+//! stays within 60 degrees, n is the normal of the span's end tangents, and eight Gauss points integrate the
+//! small rate that is left. There is no step error, and nothing to see at the ends of spans.
 //!
-//! The frame itself: Bishop, "There is more than one way to frame a curve" (1975). The usual discretisation, double reflection (Wang,
-//! Juettler, Zheng, Liu, "Computation of rotation minimizing frames", 2008), converges to this at fourth order.
+//! The frame itself: Bishop, "There is more than one way to frame a curve" (1975). The usual discretisation,
+//! double reflection (Wang, Juettler, Zheng, Liu, "Computation of rotation minimizing frames", 2008),
+//! converges to this at fourth order.
 
 use super::polynomial::{GAUSS_8, gauss};
 use super::{Frame, Segment};
@@ -322,7 +324,8 @@ mod tests {
             assert!(transport.planar);
             for k in 0..=20 {
                 let t = f64::from(k) / 20.0;
-                // Rounding of points in the plane over the speed, rarely below 1e-2 of the size; near a cusp more.
+                // Rounding of points in the plane over the speed, rarely below 1e-2 of the size; near a cusp
+                // more.
                 let tolerance = 1e-14 / (segment.tangent(t).length() * segment.d1(t).length()).min(1.0);
                 assert!(
                     transport.at(&segment, t).binormal.distance(normal)
@@ -361,8 +364,9 @@ mod tests {
             ]);
             let start = Frame::on(cubic.tangent(0.0));
             let transport = Transport::new(&cubic, extent(&cubic), &start);
-            // The frame is carried parallel along the tangents, by smallest rotations from one to the next: second order in
-            // steps of v with 2 t - 1 = out sinh v, so once extrapolated fourth. No difference of positions is taken.
+            // The frame is carried parallel along the tangents, by smallest rotations from one to the next:
+            // second order in steps of v with 2 t - 1 = out sinh v, so once extrapolated fourth. No
+            // difference of positions is taken.
             let span = libm::asinh(1.0 / out);
             let chain = |n: u32| {
                 (1..=n).fold(start, |frame, i| {
