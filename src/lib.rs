@@ -17,11 +17,12 @@
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
 
 //WIP pub mod cli;
-//WIP pub mod curve;
-//WIP pub mod field;
+pub mod curve;
+pub mod field;
 //WIP pub mod formats;
 pub mod noise;
 pub mod num;
 //WIP pub mod reference;
-//WIP pub mod scene;
-//WIP pub mod volume;
+pub mod scene;
+pub mod volume;
+#[allow(missing_docs, unused, unreachable_pub, reason="scratch")] pub mod scratch;

@@ -20,6 +20,8 @@ const STEPS: usize = 3;
 const MOST_STEPS: usize = 9;
 /// Halvings of a piece: past the precision of `f32` over a piece of 32 voxels.
 const HALVINGS: usize = 26;
+/// How far past a piece's ends, which are at -1 and 1, Newton's method may go.
+const PAST: f64 = 1.25;
 /// Parameter of a voxel that has no foot in the piece.
 const NO_FOOT: f64 = 1e30;
 /// Scratch arrays are this long: packed stores write whole lanes.
@@ -73,17 +75,19 @@ pub fn evaluate<R: Real>(
         *value = zero;
     }
     for piece in &region.pieces {
-        match piece.search {
-            Search::Newton { cubic: false } => newton::<R, false>(token, piece, scratch),
-            Search::Newton { cubic: true } => newton::<R, true>(token, piece, scratch),
-            Search::Bracket { cubic: false } => bracket::<R, false>(token, piece, scratch),
-            Search::Bracket { cubic: true } => bracket::<R, true>(token, piece, scratch),
-            Search::End | Search::Corner => {}
-        }
         let packed = match piece.search {
-            Search::End => at_point::<R, false>(token, piece, scratch),
-            Search::Corner => at_point::<R, true>(token, piece, scratch),
-            _ => coordinates::<R>(token, piece, scratch),
+            Search::Point { is_corner } => at_point::<R>(token, piece, is_corner, scratch),
+            Search::Newton { .. } | Search::Bracket => {
+                let settled = match piece.search {
+                    Search::Newton { cubic: false } => newton::<R, false>(token, piece, scratch),
+                    Search::Newton { cubic: true } => newton::<R, true>(token, piece, scratch),
+                    _ => false,
+                };
+                if !settled {
+                    bracket::<R>(token, piece, scratch);
+                }
+                coordinates::<R>(token, piece, scratch)
+            }
         };
         layers::<R>(token, region, piece, scratch, packed, values);
     }
@@ -189,13 +193,17 @@ impl<R: Real> Equation<R> {
     }
 }
 
-/// Feet by Newton's method, where the piece holds at most one for every voxel.
+/// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle.
 #[inline(always)]
-fn newton<R: Real, const CUBIC: bool>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) {
+fn newton<R: Real, const CUBIC: bool>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) -> bool {
     let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
     let zero = R::constant(token, 0.0);
     // Past the piece's ends the polynomial holds, but need not increase: steps are kept near.
-    let (lo, hi) = (R::constant(token, -1.25), R::constant(token, 1.25));
+    let (lo, hi) = (R::constant(token, -PAST), R::constant(token, PAST));
     let tolerance = R::splat(token, piece.tolerance);
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
@@ -215,49 +223,42 @@ fn newton<R: Real, const CUBIC: bool>(token: R::Token, piece: &Piece<R::Scalar>,
             // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
             let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
             if R::bitmask(open) == 0 {
-                eta = R::select(settled, eta, no_foot);
+                R::select(settled, eta, no_foot).store(&mut scratch.eta[index..]);
                 break;
             }
             if steps == MOST_STEPS {
-                let (found, sure) = halve::<R, CUBIC>(token, &equation, lo, hi);
-                eta = R::select(sure, found, no_foot);
-                break;
+                return false;
             }
         }
-        eta.store(&mut scratch.eta[index..]);
     }
+    true
 }
 
-/// Feet by bisection, where nothing is known but that the piece is short.
+/// Feet by bisection: where the equation changes from negative to positive along the piece, if it does.
+///
+/// For certified pieces that is the one foot; uncertified ones are too short for a second one to matter.
 #[inline(always)]
-fn bracket<R: Real, const CUBIC: bool>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) {
+fn bracket<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) {
     let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
-    let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
         rows.go(token, index);
         let equation = Equation::new(token, &rows);
-        let (found, sure) = halve::<R, CUBIC>(token, &equation, lo, hi);
-        R::select(sure, found, no_foot).store(&mut scratch.eta[index..]);
+        let (at_lo, _) = equation.at::<true>(ends[0]);
+        let (at_hi, _) = equation.at::<true>(ends[1]);
+        let changes = R::and(at_lo.le(zero), zero.le(at_hi));
+        let [mut lo, mut hi] = ends;
+        for _ in 0..HALVINGS {
+            let middle = (lo + hi) * half;
+            let (g, _) = equation.at::<true>(middle);
+            let below = g.lt(zero);
+            lo = R::select(below, middle, lo);
+            hi = R::select(below, hi, middle);
+        }
+        R::select(changes, (lo + hi) * half, no_foot).store(&mut scratch.eta[index..]);
     }
-}
-
-/// Where the equation changes from negative to positive between `lo` and `hi`, and whether it does.
-#[inline(always)]
-fn halve<R: Real, const CUBIC: bool>(token: R::Token, equation: &Equation<R>, lo: R, hi: R) -> (R, R::Mask) {
-    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
-    let (at_lo, _) = equation.at::<CUBIC>(lo);
-    let (at_hi, _) = equation.at::<CUBIC>(hi);
-    let sure = R::and(at_lo.le(zero), zero.le(at_hi));
-    let (mut lo, mut hi) = (lo, hi);
-    for _ in 0..HALVINGS {
-        let middle = (lo + hi) * half;
-        let (g, _) = equation.at::<CUBIC>(middle);
-        let below = g.lt(zero);
-        lo = R::select(below, middle, lo);
-        hi = R::select(below, hi, middle);
-    }
-    ((lo + hi) * half, sure)
 }
 
 /// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number.
@@ -299,9 +300,10 @@ fn coordinates<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut
 
 /// The same where the foot is the end of a curve, or a corner.
 #[inline(always)]
-fn at_point<R: Real, const CORNER: bool>(
+fn at_point<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
+    is_corner: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
     let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
@@ -315,7 +317,7 @@ fn at_point<R: Real, const CORNER: bool>(
         let beyond = rows.row(token, FOOT);
         let q = u * u + v * v + beyond * beyond;
         let mut inside = R::and(zero.lt(beyond), q.le(one));
-        if CORNER {
+        if is_corner {
             inside = R::and(inside, rows.row(token, SECOND).lt(zero));
             // Turned into the first plane: the part across the hinge keeps its side and takes all of the length.
             let length = (v * v + beyond * beyond).sqrt();

@@ -211,7 +211,7 @@ impl Field {
         ];
         let (layers, fades) = self.layers(tube, s, arc_middle, h, region);
         region.pieces.push(Piece {
-            search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket { cubic } },
+            search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket },
             base: round(base),
             slope: slope.map(round),
             foot: round([g[3], g[4], g[5]]),
@@ -239,14 +239,14 @@ impl Field {
         let scale = 1.0 / section.radius;
         let (rows, search) = match point.kind {
             PointKind::End(outward) => {
-                ([section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale), Search::End)
+                ([section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale), Search::Point { is_corner: false })
             }
             PointKind::Corner(next) => {
                 // Along the hinge, and across it in the plane normal to the first tangent.
                 let hinge = section.tangent.cross(next);
                 let hinge = if hinge.length() > 1e-9 { hinge.normalize() } else { section.axes[0] };
                 let across = hinge.cross(section.tangent);
-                ([hinge, across, section.tangent, next].map(|v| v * scale), Search::Corner)
+                ([hinge, across, section.tangent, next].map(|v| v * scale), Search::Point { is_corner: true })
             }
         };
         let mut base = [0.0; ROWS];

@@ -36,11 +36,10 @@ pub(crate) enum Search {
     /// At most one foot for every voxel: Newton's method on a polynomial of degree 3 (quadratic segments) or 5.
     Newton { cubic: bool },
     /// Nothing is certified, but the piece is so short that one foot of a voxel stands for all: bisection.
-    Bracket { cubic: bool },
-    /// The foot is the end of a curve, for the half space `foot row > 0`.
-    End,
-    /// The foot is a corner, for `foot row > 0` and `second row < 0`.
-    Corner,
+    Bracket,
+    /// The foot is one point: the end of a curve, for the half space `foot row > 0`, or a corner, for the wedge where
+    /// also `second row < 0`.
+    Point { is_corner: bool },
 }
 
 /// An interval of an axis, or a point, that holds feet of the block's voxels.

@@ -44,6 +44,7 @@ pub(crate) struct Axis<'a> {
 }
 
 /// The tube's cross-section at one place.
+#[derive(Debug, Clone)]
 pub(crate) struct Section {
     pub(crate) centre: DVec3,
     pub(crate) tangent: DVec3,

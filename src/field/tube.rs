@@ -16,7 +16,6 @@ const FINEST: f64 = 4_194_304.0;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Tube {
-    pub(crate) name: String,
     pub(crate) curve: Curve,
     pub(crate) profile: Profile,
     /// Spans of each segment.
@@ -89,7 +88,6 @@ impl Tube {
         let breaks = breaks(&tube.curve, &tube.radius);
         let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
         Tube {
-            name: tube.name.clone(),
             curve: tube.curve.clone(),
             profile: tube.radius.clone(),
             spans,
@@ -148,7 +146,7 @@ impl Tube {
     }
 }
 
-/// Per segment, the t where the radius is not smooth, in order.
+/// Per segment, the t where the radius is not smooth or the frame jumps, in order.
 fn breaks(curve: &Curve, profile: &Profile) -> Vec<Vec<f64>> {
     let mut breaks = vec![Vec::new(); curve.segments().len()];
     for &x in profile.knots() {
@@ -156,6 +154,10 @@ fn breaks(curve: &Curve, profile: &Profile) -> Vec<Vec<f64>> {
         if t > 0.0 && t < 1.0 {
             breaks[segment].push(t);
         }
+    }
+    for (segment, breaks) in breaks.iter_mut().enumerate() {
+        breaks.extend_from_slice(curve.breaks(segment));
+        breaks.sort_by(f64::total_cmp);
     }
     breaks
 }

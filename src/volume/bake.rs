@@ -1,0 +1,200 @@
+//! Evaluation of a plan: the one place where the instruction set is chosen.
+
+use cpu_time::ThreadTime;
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+use super::{Brick, Plan, Sink};
+use crate::field::kernel::{Scratch, evaluate};
+use crate::field::{Field, Region, VOXELS};
+use crate::num::{Level, Real, WithLevel, with_level};
+
+/// Bricks that one task evaluates and encodes as a run.
+const RUN: usize = 64;
+/// Runs that are evaluated before they are handed to the sink: bounds what is held twice.
+const BATCH: usize = 128;
+
+/// Processor seconds of all threads together.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Phases {
+    /// Narrowing and evaluation.
+    pub evaluate: f64,
+    /// Encoding, and hashing of values.
+    pub encode: f64,
+    /// Handing runs to the sink.
+    pub append: f64,
+}
+
+/// What a bake did.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Tally {
+    /// Bricks with at least one active voxel.
+    pub bricks: u64,
+    /// Active voxels.
+    pub active_voxels: u64,
+    /// Lanes that entered the search for feet.
+    pub searched_voxels: u64,
+    /// SHA-256 over all active bricks in file order: see [`bake`].
+    pub content_hash: [u8; 32],
+}
+
+/// Evaluates the plan's bricks on the current `rayon` pool and hands those with active voxels to `sink` in file order.
+///
+/// A voxel is active where its density is above `cutoff`; others are 0. `progress` is called, on this thread, with the
+/// number of bricks done since the last call. The content hash is SHA-256 over, brick by brick, the SHA-256 of the
+/// origin (three `i32`), the mask (eight `u64`) and all 512 values (`f32`), little-endian.
+///
+/// # Errors
+///
+/// The sink's first error ends the bake.
+pub fn bake<S: Sink>(
+    field: &Field,
+    plan: &Plan,
+    cutoff: f64,
+    level: Level,
+    sink: &mut S,
+    mut progress: impl FnMut(usize),
+) -> Result<(Tally, Phases), S::Error> {
+    let (mut tally, mut phases, mut hash) = (Tally::default(), Phases::default(), Sha256::new());
+    let cutoff = single(cutoff);
+    let mut start = 0;
+    while start < plan.bricks() {
+        let end = plan.bricks().min(start + BATCH * RUN);
+        let runs: Vec<Done<S::Run>> = (start..end)
+            .into_par_iter()
+            .step_by(RUN)
+            .map_init(Worker::default, |worker, first| {
+                worker.run(field, plan, first..end.min(first + RUN), cutoff, level, &*sink)
+            })
+            .collect();
+        let appending = ThreadTime::now();
+        for done in runs {
+            tally.bricks += done.digests.len() as u64;
+            tally.active_voxels += done.active;
+            tally.searched_voxels += done.searched;
+            phases.evaluate += done.evaluate;
+            phases.encode += done.encode;
+            for digest in &done.digests {
+                hash.update(digest);
+            }
+            sink.append(done.run)?;
+        }
+        phases.append += appending.elapsed().as_secs_f64();
+        progress(end - start);
+        start = end;
+    }
+    tally.content_hash = hash.finalize().into();
+    Ok((tally, phases))
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "values are single precision, so their threshold is")]
+fn single(x: f64) -> f32 {
+    x as f32
+}
+
+/// What a task gives back.
+struct Done<Run> {
+    run: Run,
+    digests: Vec<[u8; 32]>,
+    active: u64,
+    searched: u64,
+    evaluate: f64,
+    encode: f64,
+}
+
+/// One thread's memory.
+#[derive(Default)]
+struct Worker {
+    region: Region<f32>,
+    scratch: Scratch<f32>,
+    /// The run's active bricks.
+    bricks: Vec<Brick>,
+}
+
+impl Worker {
+    fn run<S: Sink>(
+        &mut self,
+        field: &Field,
+        plan: &Plan,
+        bricks: std::ops::Range<usize>,
+        cutoff: f32,
+        level: Level,
+        sink: &S,
+    ) -> Done<S::Run> {
+        let mut done = Done {
+            run: S::Run::default(),
+            digests: Vec::new(),
+            active: 0,
+            searched: 0,
+            evaluate: 0.0,
+            encode: 0.0,
+        };
+        let started = ThreadTime::now();
+        self.bricks.clear();
+        for index in bricks {
+            let block = plan.bricks[index].block;
+            let candidates = plan.candidates(index);
+            field.narrow(plan.lattice(), &plan.cover, candidates, block.map(i64::from), &mut self.region);
+            if self.region.is_empty() {
+                continue;
+            }
+            let mut brick = Brick { origin: block.map(|b| b * 8), mask: [0; 8], values: [0.0; VOXELS] };
+            done.searched += evaluate_block(level, &self.region, &mut self.scratch, &mut brick.values);
+            brick.activate(cutoff);
+            let active = brick.active();
+            if active > 0 {
+                done.active += u64::from(active);
+                self.bricks.push(brick);
+            }
+        }
+        done.evaluate = started.elapsed().as_secs_f64();
+        let evaluated = ThreadTime::now();
+        for brick in &self.bricks {
+            done.digests.push(digest(brick));
+            sink.encode(brick, &mut done.run);
+        }
+        done.encode = evaluated.elapsed().as_secs_f64();
+        done
+    }
+}
+
+fn digest(brick: &Brick) -> [u8; 32] {
+    let mut bytes = [0_u8; 12 + 64 + 4 * VOXELS];
+    let numbers = brick.origin.iter().map(|i| i.to_le_bytes());
+    for (to, from) in bytes.chunks_exact_mut(4).zip(numbers) {
+        to.copy_from_slice(&from);
+    }
+    for (to, from) in bytes[12..76].chunks_exact_mut(8).zip(brick.mask) {
+        to.copy_from_slice(&from.to_le_bytes());
+    }
+    for (to, from) in bytes[76..].chunks_exact_mut(4).zip(brick.values) {
+        to.copy_from_slice(&from.to_le_bytes());
+    }
+    Sha256::digest(bytes).into()
+}
+
+/// The one place where the instruction set is chosen. Not generic and not inlined, so that the kernel is compiled once
+/// for each instruction set and not for each sink.
+#[inline(never)]
+fn evaluate_block(
+    level: Level,
+    region: &Region<f32>,
+    scratch: &mut Scratch<f32>,
+    values: &mut [f32; VOXELS],
+) -> u64 {
+    with_level(level, Evaluate { region, scratch, values })
+}
+
+struct Evaluate<'a> {
+    region: &'a Region<f32>,
+    scratch: &'a mut Scratch<f32>,
+    values: &'a mut [f32; VOXELS],
+}
+
+impl WithLevel for Evaluate<'_> {
+    type Output = u64;
+    #[inline(always)]
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> u64 {
+        evaluate::<R>(token, self.region, self.scratch, self.values)
+    }
+}

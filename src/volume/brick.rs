@@ -1,0 +1,60 @@
+//! A brick of values and where it goes.
+
+use crate::field::VOXELS;
+
+/// The values of 8^3 voxels, z fastest, as OpenVDB orders a leaf: voxel (x, y, z) of the brick is element
+/// `64 x + 8 y + z`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Brick {
+    /// Index of its first voxel, a multiple of 8 along each axis.
+    pub origin: [i32; 3],
+    /// Active voxels: element i is bit `i % 64` of word `i / 64`.
+    pub mask: [u64; 8],
+    /// Density; 0 where inactive.
+    pub values: [f32; VOXELS],
+}
+
+impl Brick {
+    /// Number of active voxels.
+    pub fn active(&self) -> u32 {
+        self.mask.iter().map(|word| word.count_ones()).sum()
+    }
+
+    /// The one value of all voxels, if all are active and equal to the bit.
+    pub fn uniform(&self) -> Option<f32> {
+        let first = self.values[0];
+        let all = self.mask.iter().all(|&word| word == u64::MAX);
+        (all && self.values.iter().all(|value| value.to_bits() == first.to_bits())).then_some(first)
+    }
+
+    /// Marks voxels above `cutoff` active and sets the others to 0.
+    pub(super) fn activate(&mut self, cutoff: f32) {
+        for (word, values) in self.mask.iter_mut().zip(self.values.chunks_exact_mut(64)) {
+            *word = 0;
+            for (bit, value) in values.iter_mut().enumerate() {
+                let active = *value > cutoff;
+                *word |= u64::from(active) << bit;
+                *value = if active { *value } else { 0.0 };
+            }
+        }
+    }
+}
+
+/// Where bricks go: a file being written, or memory.
+pub trait Sink: Sync {
+    /// A run of encoded bricks.
+    type Run: Default + Send;
+    /// What may go wrong when a run is taken in.
+    type Error;
+
+    /// Adds a brick with at least one active voxel to a run. Called on many threads at once.
+    fn encode(&self, brick: &Brick, run: &mut Self::Run);
+
+    /// Takes in a run. Runs come in file order: by the first voxel of the enclosing 4096^3 block (x, then y, then z),
+    /// within it of the 128^3 block, within that of the brick.
+    ///
+    /// # Errors
+    ///
+    /// When the sink cannot hold or write the run; the bake then ends.
+    fn append(&mut self, run: Self::Run) -> Result<(), Self::Error>;
+}

@@ -1,0 +1,177 @@
+//! Which bricks can hold density, found before any memory for values is taken.
+
+use rayon::prelude::*;
+use thiserror::Error;
+
+use crate::field::{Candidate, Capsule, Field, Lattice};
+
+/// A brick that can hold density.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Planned {
+    /// Its coordinates in bricks.
+    pub(super) block: [i32; 3],
+    /// Its first candidate in `Plan::candidates`.
+    first: u32,
+}
+
+/// Every brick that can hold density, in file order, with the pieces of axes that reach it.
+///
+/// Complete: a voxel outside of these bricks has density 0. Found by scattering the axes' pieces over the bricks, so the
+/// cost follows the bricks and not the space around them.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    lattice: Lattice,
+    pub(super) cover: Vec<Capsule>,
+    pub(super) bricks: Vec<Planned>,
+    candidates: Vec<Candidate>,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum PlanError {
+    /// The bricks alone would fill the memory.
+    #[error("about {bricks:.3e} bricks of 8^3 voxels are too many; a voxel size of {fits:.3e} m would fit")]
+    TooMany {
+        /// About how many bricks.
+        bricks: f64,
+        /// A voxel size that fits.
+        fits: f64,
+    },
+    /// The density lies beyond the range of voxel indices.
+    #[error("the density lies up to {extent:.3e} voxels from the origin, beyond the 2^31 that a grid can number")]
+    IndexRange {
+        /// Largest distance along an axis, in voxels.
+        extent: f64,
+    },
+    /// The density is too wide for its distance in nodes to be ordered.
+    #[error("the density is more than 2^24 voxels wide")]
+    TooWide,
+}
+
+/// Bytes that the plan takes for each brick: about three candidates and the brick itself, twice while sorting.
+const BYTES: f64 = 100.0;
+/// Bricks along an edge of a root node, as a power of two.
+const ROOT: u32 = 9;
+
+impl Plan {
+    /// Plans the bake of `field` at a lattice, within `budget` bytes for the plan itself.
+    ///
+    /// # Errors
+    ///
+    /// Before the memory is taken: when the plan would not fit the budget, or voxel indices would overflow.
+    pub fn new(field: &Field, lattice: Lattice, budget: u64) -> Result<Plan, PlanError> {
+        let root = index_range(field, lattice)?;
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let most = budget as f64 / BYTES;
+        let bricks = field.estimate_blocks(lattice);
+        // Bricks grow with the voxel's inverse cube, and for thin tubes slower: the cube root fits safely.
+        let too_many = |bricks: f64| {
+            let fits = lattice.voxel_size * libm::cbrt((bricks / most).max(1.0)) * 1.05;
+            PlanError::TooMany { bricks, fits }
+        };
+        if bricks > most || bricks > f64::from(u32::MAX / 4) {
+            return Err(too_many(bricks));
+        }
+        let cover = field.cover(lattice).ok_or_else(|| too_many(bricks.max(2.0 * most)))?;
+
+        let mut pairs: Vec<(u64, u32)> = cover
+            .par_iter()
+            .zip(0_u32..(1 << 25))
+            .fold(Vec::new, |mut pairs, (capsule, index)| {
+                capsule.blocks(field, lattice, |block| pairs.push((file_order(block, root), index)));
+                pairs
+            })
+            .reduce(Vec::new, |mut a, mut b| {
+                if a.is_empty() {
+                    return b;
+                }
+                a.append(&mut b);
+                a
+            });
+        pairs.par_sort_unstable();
+
+        let mut plan = Plan { lattice, cover, bricks: Vec::new(), candidates: Vec::with_capacity(pairs.len()) };
+        let mut last = None;
+        for (key, index) in pairs {
+            if last != Some(key) {
+                let first = u32::try_from(plan.candidates.len()).map_err(|_| too_many(4.0 * most))?;
+                plan.bricks.push(Planned { block: block_of(key, root), first });
+                last = Some(key);
+            }
+            plan.candidates.push(index);
+        }
+        Ok(plan)
+    }
+
+    /// The arrangement of voxels.
+    pub fn lattice(&self) -> Lattice {
+        self.lattice
+    }
+
+    /// Number of candidate bricks, exact: no other brick is touched.
+    pub fn bricks(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// Index of the first voxel of each candidate brick, in file order.
+    pub fn origins(&self) -> impl Iterator<Item = [i32; 3]> {
+        self.bricks.iter().map(|brick| brick.block.map(|b| b * 8))
+    }
+
+    /// The pieces of axes that reach brick `index`.
+    pub(super) fn candidates(&self, index: usize) -> &[Candidate] {
+        let first = self.bricks[index].first as usize;
+        let end = self.bricks.get(index + 1).map_or(self.candidates.len(), |next| next.first as usize);
+        &self.candidates[first..end]
+    }
+
+    /// Bytes that the plan holds.
+    pub fn memory(&self) -> usize {
+        size_of_val(self.cover.as_slice())
+            + size_of_val(self.bricks.as_slice())
+            + size_of_val(self.candidates.as_slice())
+    }
+}
+
+/// Coordinates of the first root node, after checking that voxel indices and the width in root nodes fit.
+#[allow(clippy::cast_possible_truncation, reason = "checked before the cast")]
+fn index_range(field: &Field, lattice: Lattice) -> Result<[i64; 3], PlanError> {
+    let Some([lo, hi]) = field.bounds() else { return Ok([0; 3]) };
+    let (lo, hi) = (lo / lattice.voxel_size, hi / lattice.voxel_size);
+    let extent = lo.abs().max(hi.abs()).max_element();
+    // A margin of some bricks for those that are planned and stay empty.
+    if !(extent < 2_147_483_648.0 - 64.0) {
+        return Err(PlanError::IndexRange { extent });
+    }
+    // The sort key has twelve bits for each axis.
+    if (hi - lo).max_element() > f64::from((1 << 12) - 2) * 4096.0 {
+        return Err(PlanError::TooWide);
+    }
+    let first = |x: f64| ((x - 64.0) / 4096.0).floor() as i64;
+    Ok([first(lo.x), first(lo.y), first(lo.z)])
+}
+
+/// Order of bricks in a file: by root node, then by node of 128^3 voxels, then by brick, x before y before z in each.
+fn file_order(block: [i64; 3], root: [i64; 3]) -> u64 {
+    let mut key = 0;
+    for (shift, bits) in [(ROOT, 12), (4, 5), (0, 4)] {
+        for axis in 0..3 {
+            let relative = block[axis] - (root[axis] << ROOT);
+            key = key << bits | ((relative >> shift).cast_unsigned() & ((1 << bits) - 1));
+        }
+    }
+    key
+}
+
+/// The brick that has a key.
+#[allow(clippy::cast_possible_truncation, reason = "indices were checked to fit 32 bits")]
+fn block_of(mut key: u64, root: [i64; 3]) -> [i32; 3] {
+    let mut block = root.map(|r| r << ROOT);
+    for (shift, bits) in [(0, 4), (4, 5), (ROOT, 12)] {
+        for axis in (0..3).rev() {
+            block[axis] += (key & ((1 << bits) - 1)).cast_signed() << shift;
+            key >>= bits;
+        }
+    }
+    block.map(|b| b as i32)
+}
