@@ -41,7 +41,7 @@ impl EncodedBricks {
         let value = values[0];
         if mask.iter().all(|word| *word == u64::MAX) && values.iter().all(|v| v.to_bits() == value.to_bits())
         {
-            self.bricks.push(Brick::Tile(Tile { origin, value }));
+            self.bricks.push(Brick::Tile(Tile { origin, log2_edge: 3, value }));
         } else {
             self.bricks.push(Brick::Leaf(Leaf { origin, mask: *mask }));
             encoder.encode_leaf(mask, values, &mut self.bytes);
@@ -98,7 +98,7 @@ impl VdbGridBuilder {
 
     /// What the grid holds so far.
     pub fn stats(&self) -> Stats {
-        self.topology.nodes().stats()
+        self.topology.stats()
     }
 
     /// Bytes of the encoded leaves so far.

@@ -238,3 +238,123 @@ impl<W: Write> Write for Counted<W> {
         self.inner.flush()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ALL, bricks, build, file, file_header, grid_header};
+    use super::super::{Compression, VdbGridBuilder, write};
+    use super::*;
+
+    fn i64_at(bytes: &[u8], at: usize) -> usize {
+        i64::from_le_bytes(bytes[at..at + 8].try_into().expect("8")).try_into().expect("an offset")
+    }
+
+    #[test]
+    fn header_is_laid_out_byte_by_byte() {
+        let mut expected = b"\x20BDV\0\0\0\0\xe0\0\0\0\x0a\0\0\0\0\0\0\0\x01".to_vec();
+        expected.extend(b"01234567-89ab-cdef-0011-223344556677");
+        expected.extend(b"\x02\0\0\0");
+        expected.extend(b"\x06\0\0\0answer\x05\0\0\0int32\x04\0\0\0\x2a\0\0\0");
+        expected.extend(b"\x07\0\0\0creator\x06\0\0\0string\x04\0\0\0test");
+        expected.extend(b"\0\0\0\0");
+        assert_eq!(file(&[]), expected);
+    }
+
+    #[test]
+    fn empty_grid_is_laid_out_byte_by_byte() {
+        let bytes = file(&[(&grid_header("density"), &VdbGridBuilder::new(Compression::Blosc))]);
+        let start = file(&[]).len();
+        let mut descriptor = b"\x07\0\0\0density\x10\0\0\0Tree_float_5_4_3\0\0\0\0".to_vec();
+        let data = start + descriptor.len() + 24;
+        for offset in [data, bytes.len(), bytes.len()] {
+            descriptor.extend((offset as u64).to_le_bytes());
+        }
+        assert_eq!(bytes[start..data], descriptor);
+        assert_eq!(bytes[data..data + 8], [6, 0, 0, 0, 9, 0, 0, 0]);
+
+        // Transform: t, s, |s|, 1/s, 1/s^2, 1/(2s); then one buffer, background 0, no tile, no child.
+        let mut tail = b"\x18\0\0\0UniformScaleTranslateMap".to_vec();
+        let inverse = 1.0 / 0.1;
+        for value in [0.1, 0.1, inverse, inverse * inverse, inverse / 2.0] {
+            tail.extend([value; 3].iter().flat_map(|c: &f64| c.to_le_bytes()));
+        }
+        tail.splice(28..28, [1.0_f64, -2.0, 0.05].iter().flat_map(|c| c.to_le_bytes()));
+        tail.extend([1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(bytes[bytes.len() - tail.len()..], tail);
+    }
+
+    #[test]
+    fn offsets_point_at_buffers_and_the_next_grid() {
+        for compression in ALL {
+            let grid = build(compression, &bricks());
+            let bytes = file(&[(&grid_header("a"), &grid), (&grid_header("b"), &grid)]);
+            let first = file(&[]).len();
+            let offsets = first + 5 + 20 + 4;
+            let [data, buffers, end] = [0, 8, 16].map(|at| i64_at(&bytes, offsets + at));
+            assert_eq!(data, offsets + 24);
+            assert_eq!((end - buffers) as u64, grid.encoded_bytes());
+            assert_eq!(bytes[end..end + 5], *b"\x01\0\0\0b");
+            assert_eq!(i64_at(&bytes, end + offsets - first + 16), bytes.len());
+        }
+    }
+
+    #[test]
+    fn invalid_requests_are_errors() {
+        let grid = VdbGridBuilder::new(Compression::None);
+        let fails = |header: GridHeader| write(io::sink(), &file_header(), &[(&header, &grid)]).err();
+        for voxel_size in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-200, 1e200] {
+            let header = GridHeader { voxel_size, ..grid_header("a") };
+            assert!(matches!(fails(header), Some(VdbWriteError::Transform { .. })), "{voxel_size}");
+        }
+        let header = GridHeader { translation: [0.0, f64::NAN, 0.0], ..grid_header("a") };
+        assert!(matches!(fails(header), Some(VdbWriteError::Transform { .. })));
+        for name in ["", "class", "name", "is_saved_as_half_float", "file_voxel_count", "file_delayed_load"] {
+            let mut header = grid_header("a");
+            header.metadata.insert(name.to_owned(), Meta::Bool(true));
+            assert!(matches!(fails(header), Some(VdbWriteError::Metadata(n)) if n == name));
+        }
+        assert!(matches!(fails(grid_header("")), Some(VdbWriteError::GridName(_))));
+        assert!(matches!(fails(grid_header("a\u{1e}0")), Some(VdbWriteError::GridName(_))));
+        let twice = [(&grid_header("a"), &grid), (&grid_header("a"), &grid)];
+        assert!(matches!(write(io::sink(), &file_header(), &twice), Err(VdbWriteError::GridName(_))));
+    }
+
+    #[test]
+    fn announcements_are_held() {
+        let encoder = Encoder::new(Compression::None);
+        let start = || FileWriter::new(io::sink(), &file_header(), 1).expect("header");
+        assert!(matches!(start().finish(), Err(VdbWriteError::GridCount)));
+        let mut writer = start();
+        let short = writer.grid(&grid_header("a"), &Topology::default(), encoder, 5, [[1, 2], [3, 4]]);
+        assert!(matches!(short, Err(VdbWriteError::BufferLength { expected: 5, found: 4 })));
+        let more = writer.grid(&grid_header("b"), &Topology::default(), encoder, 0, [[]; 0]);
+        assert!(matches!(more, Err(VdbWriteError::GridCount)));
+    }
+
+    #[test]
+    fn offsets_are_64_bits_wide() {
+        /// Keeps the beginning of what is written.
+        struct Beginning(Vec<u8>);
+        impl Write for Beginning {
+            fn write(&mut self, buf: &[u8]) -> io::Result<usize> {
+                let room = 4096_usize.saturating_sub(self.0.len()).min(buf.len());
+                self.0.extend(&buf[..room]);
+                Ok(buf.len())
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let (piece, pieces) = (vec![0; 1 << 24], 300);
+        let length = (piece.len() * pieces) as u64;
+        let encoder = Encoder::new(Compression::None);
+        let mut beginning = Beginning(vec![]);
+        let mut writer = FileWriter::new(&mut beginning, &file_header(), 1).expect("header");
+        let buffers = std::iter::repeat_n(&piece, pieces);
+        writer.grid(&grid_header("a"), &Topology::default(), encoder, length, buffers).expect("grid");
+        let total = writer.finish().expect("complete");
+        let offsets = file(&[]).len() + 5 + 20 + 4;
+        let [buffers, end] = [8, 16].map(|at| i64_at(&beginning.0, offsets + at) as u64);
+        assert!(end == total && end - buffers == length && length > u64::from(u32::MAX));
+    }
+}

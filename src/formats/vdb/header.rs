@@ -89,8 +89,8 @@ pub struct Map {
 
 /// Lists a file's grids, by jumping from one to the next.
 ///
-/// Any input gives a result or an error: nothing is allocated beyond the file's length, nothing is read twice. Entries
-/// of types that begin with `__`, which only serve loading, are left out.
+/// Any input gives a result or an error: nothing is allocated beyond a small factor of the file's length, nothing is
+/// read twice. Entries of types that begin with `__`, which only serve loading, are left out.
 ///
 /// # Errors
 /// See [`VdbReadError`].
@@ -255,4 +255,136 @@ impl<R: Read + Seek> Cursor<R> {
 
 fn scale_translate([x, y, z]: [f64; 3], [tx, ty, tz]: [f64; 3]) -> [[f64; 4]; 3] {
     [[x, 0.0, 0.0, tx], [0.0, y, 0.0, ty], [0.0, 0.0, z, tz]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ALL, bricks, build, file, file_header, grid_header, random};
+    use super::super::{Compression, FileHeader, VdbGridBuilder, write};
+    use super::*;
+
+    fn read(bytes: &[u8]) -> Result<FileInfo, VdbReadError> {
+        read_info(&mut io::Cursor::new(bytes))
+    }
+
+    #[test]
+    fn info_is_what_was_written() {
+        for compression in ALL {
+            let grid = build(compression, &bricks());
+            let empty = VdbGridBuilder::new(compression);
+            let bytes = file(&[(&grid_header("density"), &grid), (&grid_header("heat"), &empty)]);
+            let info = read(&bytes).expect("valid");
+            assert_eq!((info.version, info.library), (224, [10, 0]));
+            assert_eq!(info.uuid, file_header().uuid.to_string());
+            assert_eq!(info.metadata, file_header().metadata);
+            let [density, heat] = &info.grids[..] else { panic!("two grids") };
+            assert_eq!((&density.name[..], &heat.name[..]), ("density", "heat"));
+            assert_eq!((&density.type_name[..], density.half), ("Tree_float_5_4_3", false));
+            assert_eq!(density.map.type_name, "UniformScaleTranslateMap");
+            let matrix = [[0.1, 0.0, 0.0, 1.0], [0.0, 0.1, 0.0, -2.0], [0.0, 0.0, 0.1, 0.05]];
+            assert_eq!(density.map.matrix, Some(matrix));
+            let stats = grid.stats();
+            let [low, high] = stats.bounds.expect("not empty");
+            let voxels = i64::try_from(stats.active_voxels).expect("fits");
+            assert_eq!(density.metadata["file_bbox_min"], Meta::Vec3i(low));
+            assert_eq!(density.metadata["file_bbox_max"], Meta::Vec3i(high));
+            assert_eq!(density.metadata["file_voxel_count"], Meta::Int64(voxels));
+            assert_eq!(density.metadata["class"], "fog volume".into());
+            assert_eq!(density.metadata["content_hash"], "abc".into());
+            assert_eq!(density.metadata["file_compression"], density.compression[..].into());
+            assert!(density.bytes > grid.encoded_bytes() && heat.bytes < 1000);
+        }
+    }
+
+    #[test]
+    fn every_metadata_type_survives() {
+        let metadata = Metadata::from([
+            ("a".into(), "\u{e9}".into()),
+            ("b".into(), Meta::Bool(true)),
+            ("c".into(), Meta::Int32(-1)),
+            ("d".into(), Meta::Int64(i64::MIN)),
+            ("e".into(), Meta::Float(0.1)),
+            ("f".into(), Meta::Double(-0.1)),
+            ("g".into(), Meta::Vec3i([1, -2, 3])),
+            ("h".into(), Meta::Vec3s([0.1, 0.2, 0.3])),
+            ("i".into(), Meta::Vec3d([0.1, 0.2, 0.3])),
+            ("j".into(), Meta::Other { type_name: "mat4d".into(), bytes: vec![7; 128] }),
+        ]);
+        let mut bytes = vec![];
+        let header = FileHeader { metadata: metadata.clone(), ..file_header() };
+        write(&mut bytes, &header, &[]).expect("valid");
+        assert_eq!(read(&bytes).expect("valid").metadata, metadata);
+    }
+
+    /// The file with one grid's map replaced.
+    fn with_map(type_name: &str, numbers: &[f64]) -> Vec<u8> {
+        let bytes = file(&[(&grid_header("a"), &VdbGridBuilder::new(Compression::None))]);
+        let text = b"UniformScaleTranslateMap";
+        let at = bytes.windows(text.len()).position(|w| w == text).expect("the map") - 4;
+        let mut map = vec![u8::try_from(type_name.len()).expect("short"), 0, 0, 0];
+        map.extend(type_name.as_bytes());
+        map.extend(numbers.iter().flat_map(|n| n.to_le_bytes()));
+        map.resize(172, 0);
+        [&bytes[..at], &map, &bytes[at + 172..]].concat()
+    }
+
+    #[test]
+    fn maps_become_matrices_of_columns() {
+        let map = |name, numbers: &[f64]| read(&with_map(name, numbers)).expect("valid").grids[0].map.matrix;
+        let scale = [[2.0, 0.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.0], [0.0, 0.0, 4.0, 0.0]];
+        assert_eq!(map("ScaleMap", &[2.0, 3.0, 4.0]), Some(scale));
+        let moved = [[1.0, 0.0, 0.0, 2.0], [0.0, 1.0, 0.0, 3.0], [0.0, 0.0, 1.0, 4.0]];
+        assert_eq!(map("TranslationMap", &[2.0, 3.0, 4.0]), Some(moved));
+        // Rows as stored: image of x, of y, of z, translation.
+        let stored = [1.0, 2.0, 3.0, 0.0, 4.0, 5.0, 6.0, 0.0, 7.0, 8.0, 9.0, 0.0, 10.0, 11.0, 12.0, 1.0];
+        let matrix = [[1.0, 4.0, 7.0, 10.0], [2.0, 5.0, 8.0, 11.0], [3.0, 6.0, 9.0, 12.0]];
+        assert_eq!(map("AffineMap", &stored), Some(matrix));
+        assert_eq!(map("NonlinearFrustumMap", &[]), None);
+    }
+
+    #[test]
+    fn errors_say_what_is_wrong() {
+        let bytes = file(&[(&grid_header("a"), &VdbGridBuilder::new(Compression::None))]);
+        let patched = |at: usize, value: u8| {
+            let mut bytes = bytes.clone();
+            bytes[at] = value;
+            read(&bytes).err()
+        };
+        assert!(matches!(read(b"").err(), Some(VdbReadError::Magic)));
+        assert!(matches!(read(b"#EXODUS II format").err(), Some(VdbReadError::Magic)));
+        assert!(matches!(patched(8, 219), Some(VdbReadError::Version(219))));
+        assert!(matches!(patched(20, 0), Some(VdbReadError::NoOffsets)));
+        assert!(matches!(patched(60, 0xff), Some(VdbReadError::Truncated { .. })));
+        for end in 8..bytes.len() {
+            assert!(matches!(read(&bytes[..end]).err(), Some(VdbReadError::Truncated { .. })), "{end}");
+        }
+    }
+
+    #[test]
+    fn mutations_never_panic() {
+        let mut state = 5;
+        let grids = ALL.map(|compression| build(compression, &bricks()[900..904]));
+        let names = ["a", "b", "c"].map(grid_header);
+        let original = file(&[(&names[0], &grids[0]), (&names[1], &grids[1]), (&names[2], &grids[2])]);
+        assert!(read(&original).is_ok());
+        let headers: Vec<usize> =
+            (0..original.len()).filter(|at| original[*at..].starts_with(b"Tree_")).collect();
+        let mut below = |bound: usize| usize::try_from(random(&mut state) % bound as u64).expect("in range");
+        let mut failures = 0;
+        for _ in 0..2000 {
+            let mut bytes = original.clone();
+            for _ in 0..=below(4) {
+                // Mostly where structure is: the file's header and the grids' descriptors and metadata.
+                let start =
+                    [0, 0, headers[0] - 20, headers[1] - 20, headers[2] - 20, below(bytes.len())][below(6)];
+                let at = (start + below(600)).min(bytes.len() - 1);
+                bytes[at] = [0, 1, 0x7f, 0x80, 0xff, bytes[at] ^ (1 << below(8))][below(6)];
+            }
+            if below(4) == 0 {
+                bytes.truncate(below(bytes.len()));
+            }
+            failures += usize::from(read(&bytes).is_err());
+        }
+        assert!(failures > 500, "only {failures} mutations were noticed");
+    }
 }
