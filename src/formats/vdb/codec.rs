@@ -50,7 +50,8 @@ const CODE_ALL: u8 = 6;
 /// On voxel values, noisy or smooth, levels 1 to 6 come within 0.1 % of each other; level 1 takes half the time.
 const ZLIB_LEVEL: u32 = 1;
 
-/// Bytes per Blosc block. Above 64 KiB lz4_flex changes to a hash that depends on the width of pointers.
+/// Bytes per Blosc block. From 64 KiB on lz4_flex uses a hash that depends on the width of pointers; below, only on
+/// the order of bytes.
 const BLOSC_BLOCK: usize = 32 << 10;
 const BLOSC_HEADER: usize = 16;
 /// Byte shuffle, blocks not split into streams, LZ4.
@@ -147,7 +148,7 @@ struct Scratch {
     kept: Vec<f32>,
     bytes: Vec<u8>,
     packed: Vec<u8>,
-    // It would be upgraded for good by an input of 64 KiB, and later bytes would depend on that: blocks are smaller.
+    // An input of 64 KiB would change its kind for good, and later bytes would depend on that: blocks are smaller.
     lz4: CompressTable,
     // flate2's default backend, miniz_oxide, has one code path. Those that choose hash functions by the processor's
     // features (zlib-rs, zlib-ng) give different bytes on different machines.

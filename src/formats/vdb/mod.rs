@@ -5,8 +5,8 @@
 //! 1. An [`Encoder`] turns a brick of 8^3 voxels into the bytes of a leaf, or finds that it is uniform or empty.
 //!    It is `Copy` and each thread fills its own [`EncodedBricks`].
 //! 2. A [`VdbGridBuilder`] takes the batches in file order ([`file_order`]), and keeps topology and encoded bytes.
-//! 3. [`write`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same for
-//!    leaf bytes that lie elsewhere, in a spool file for instance.
+//! 3. [`write()`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same
+//!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
 //! [`read_info`] lists what a file holds without reading voxels.
 //!
@@ -17,7 +17,7 @@
 //! so do nodes made of such bricks only. Root entries are sorted by signed (x, y, z), entries of nodes by offset, because
 //! simple readers attach leaf buffers in that order. With compression, inactive voxels are not stored, and nodes without
 //! an active entry of their own store all entries: readers disagree about the shorter form.
-//! Bytes depend on nothing but the arguments.
+//! Bytes depend on nothing but the arguments, on every little-endian processor.
 
 mod builder;
 mod codec;
