@@ -1,0 +1,422 @@
+//! Which voxels are active: leaves and tiles in file order, the nodes above them, and the topology stream.
+
+use std::io::{self, Write};
+use std::ops::Range;
+
+use super::codec::Encoder;
+use super::file::VdbWriteError;
+
+/// log2 of the edge in voxels of a leaf, of a lower node and of an upper node.
+const LOG2_EDGE: [u32; 3] = [3, 7, 12];
+
+/// A key whose order is the order of bricks in a file.
+///
+/// Bricks are grouped by upper node (4096^3 voxels; these by signed x, then y, then z), within it by lower node (128^3),
+/// within it by position, x slowest and z fastest each time. Sort by this key before encoding: a file's leaves can then
+/// be written as they come.
+pub fn file_order(origin: [i32; 3]) -> u128 {
+    let mut key = 0;
+    for (shift, bits) in [(LOG2_EDGE[2], 20), (LOG2_EDGE[1], 5), (LOG2_EDGE[0], 4)] {
+        for c in origin {
+            // Flipping the sign bit makes the unsigned order that of signed coordinates.
+            let biased = c.cast_unsigned() ^ (1 << 31);
+            key = (key << bits) | u128::from((biased >> shift) & ((1 << bits) - 1));
+        }
+    }
+    key
+}
+
+/// A brick of 8^3 voxels with values of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Leaf {
+    /// Index of its first voxel, multiples of 8.
+    pub origin: [i32; 3],
+    /// Its active voxels: (x, y, z) is bit `8 y + z` of word x.
+    pub mask: [u64; 8],
+}
+
+/// A cube of active voxels that share one value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tile {
+    /// Index of its first voxel, multiples of its edge.
+    pub origin: [i32; 3],
+    /// log2 of its edge in voxels: 3, 7 or 12.
+    pub log2_edge: u32,
+    /// The value of all its voxels.
+    pub value: f32,
+}
+
+/// Leaves and tiles in file order.
+#[derive(Debug, Clone, Default)]
+pub struct Topology {
+    leaves: Vec<Leaf>,
+    tiles: Vec<Tile>,
+    last: Option<u128>,
+}
+
+/// What a grid holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stats {
+    /// Leaves, of 8^3 voxels.
+    pub leaves: u64,
+    /// Lower nodes, of 128^3 voxels.
+    pub lower_nodes: u64,
+    /// Upper nodes, of 4096^3 voxels.
+    pub upper_nodes: u64,
+    /// Active tiles of 8^3, 128^3 and 4096^3 voxels.
+    pub tiles: [u64; 3],
+    /// Active voxels, those in tiles included.
+    pub active_voxels: u64,
+    /// Smallest and largest index of an active voxel, inclusive; `None` for an empty grid.
+    pub bounds: Option<[[i32; 3]; 2]>,
+    /// Bytes that the tree's values, masks and pointers take in a program that has loaded it.
+    pub memory_bytes: u64,
+}
+
+impl Topology {
+    /// Adds a leaf behind all leaves and tiles added so far.
+    ///
+    /// # Errors
+    /// [`VdbWriteError::Misaligned`] where the origin is not a multiple of the edge, [`VdbWriteError::Order`] where it
+    /// does not come after what was added last.
+    pub fn push_leaf(&mut self, leaf: Leaf) -> Result<(), VdbWriteError> {
+        self.advance(leaf.origin, LOG2_EDGE[0])?;
+        self.leaves.push(leaf);
+        Ok(())
+    }
+
+    /// Adds an active tile behind all leaves and tiles added so far. Tiles that fill a node with one value become one
+    /// tile, of the next size.
+    ///
+    /// # Errors
+    /// As [`Topology::push_leaf`]; an edge that no tile has counts as misaligned.
+    pub fn push_tile(&mut self, tile: Tile) -> Result<(), VdbWriteError> {
+        if !LOG2_EDGE.contains(&tile.log2_edge) {
+            return Err(VdbWriteError::Misaligned { origin: tile.origin });
+        }
+        self.advance(tile.origin, tile.log2_edge)?;
+        self.tiles.push(tile);
+        for [child, parent] in [[LOG2_EDGE[0], LOG2_EDGE[1]], [LOG2_EDGE[1], LOG2_EDGE[2]]] {
+            let Some(first) = self.tiles.len().checked_sub(1 << (3 * (parent - child))) else { break };
+            let origin = align(tile.origin, parent);
+            let alike = |other: &Tile| {
+                other.log2_edge == child
+                    && align(other.origin, parent) == origin
+                    && other.value.to_bits() == tile.value.to_bits()
+            };
+            // As many different tiles as the node has entries, all inside it. From the front, because only a full
+            // node passes the first comparison.
+            if self.tiles[first..].iter().all(alike) {
+                self.tiles.truncate(first);
+                self.tiles.push(Tile { origin, log2_edge: parent, value: tile.value });
+            }
+        }
+        Ok(())
+    }
+
+    fn advance(&mut self, origin: [i32; 3], log2_edge: u32) -> Result<(), VdbWriteError> {
+        if align(origin, log2_edge) != origin {
+            return Err(VdbWriteError::Misaligned { origin });
+        }
+        if self.last.is_some_and(|last| file_order(origin) <= last) {
+            return Err(VdbWriteError::Order { origin });
+        }
+        self.last = Some(file_order(last_voxel(origin, log2_edge)));
+        Ok(())
+    }
+
+    /// What was added so far.
+    pub fn stats(&self) -> Stats {
+        self.nodes().stats()
+    }
+
+    /// Groups leaves and tiles into nodes.
+    pub(super) fn nodes(&self) -> Nodes<'_> {
+        let mut nodes = Nodes { leaves: &self.leaves, tiles: &self.tiles, lowers: vec![], uppers: vec![] };
+        let (mut leaf, mut tile) = (0, 0);
+        while let Some((origin, log2_edge)) = first_in_file(self.leaves.get(leaf), self.tiles.get(tile)) {
+            if log2_edge == LOG2_EDGE[2] {
+                tile += 1;
+                continue;
+            }
+            let upper_origin = align(origin, LOG2_EDGE[2]);
+            if nodes.uppers.last().is_none_or(|upper| upper.origin != upper_origin) {
+                let (lowers, tiles) = (nodes.lowers.len()..nodes.lowers.len(), tile..tile);
+                nodes.uppers.push(Upper { origin: upper_origin, lowers, tiles });
+            }
+            if log2_edge == LOG2_EDGE[1] {
+                tile += 1;
+            } else {
+                let origin = align(origin, LOG2_EDGE[1]);
+                let inside = |other: [i32; 3]| align(other, LOG2_EDGE[1]) == origin;
+                let leaves = self.leaves[leaf..].iter().take_while(|l| inside(l.origin)).count();
+                let tiles = self.tiles[tile..].iter().take_while(|t| inside(t.origin)).count();
+                nodes.lowers.push(Lower { origin, leaves: leaf..leaf + leaves, tiles: tile..tile + tiles });
+                leaf += leaves;
+                tile += tiles;
+            }
+            if let Some(upper) = nodes.uppers.last_mut() {
+                upper.lowers.end = nodes.lowers.len();
+                upper.tiles.end = tile;
+            }
+        }
+        nodes
+    }
+}
+
+/// The origin and edge of what comes first in a file.
+fn first_in_file(leaf: Option<&Leaf>, tile: Option<&Tile>) -> Option<([i32; 3], u32)> {
+    let leaf = leaf.map(|leaf| (leaf.origin, LOG2_EDGE[0]));
+    let tile = tile.map(|tile| (tile.origin, tile.log2_edge));
+    leaf.into_iter().chain(tile).min_by_key(|(origin, _)| file_order(*origin))
+}
+
+fn align(origin: [i32; 3], log2_edge: u32) -> [i32; 3] {
+    origin.map(|c| (c >> log2_edge) << log2_edge)
+}
+
+fn last_voxel(origin: [i32; 3], log2_edge: u32) -> [i32; 3] {
+    origin.map(|c| c + ((1 << log2_edge) - 1))
+}
+
+struct Lower {
+    origin: [i32; 3],
+    leaves: Range<usize>,
+    tiles: Range<usize>,
+}
+
+struct Upper {
+    origin: [i32; 3],
+    lowers: Range<usize>,
+    /// Its tiles, and those of its lower nodes.
+    tiles: Range<usize>,
+}
+
+/// The tree above leaves and tiles, sorted as a file has it.
+pub(super) struct Nodes<'a> {
+    leaves: &'a [Leaf],
+    tiles: &'a [Tile],
+    lowers: Vec<Lower>,
+    uppers: Vec<Upper>,
+}
+
+/// The tiles of this edge.
+fn of_edge(tiles: &[Tile], log2_edge: u32) -> impl Iterator<Item = &Tile> {
+    tiles.iter().filter(move |tile| tile.log2_edge == log2_edge)
+}
+
+impl Nodes<'_> {
+    pub(super) fn stats(&self) -> Stats {
+        let mut stats = Stats {
+            leaves: self.leaves.len() as u64,
+            lower_nodes: self.lowers.len() as u64,
+            upper_nodes: self.uppers.len() as u64,
+            tiles: LOG2_EDGE.map(|log2_edge| of_edge(self.tiles, log2_edge).count() as u64),
+            active_voxels: 0,
+            bounds: None,
+            memory_bytes: 0,
+        };
+        // 8 bytes an entry and two masks in a node; 4 bytes a voxel and one mask in a leaf.
+        stats.memory_bytes = stats.upper_nodes * (32768 * 8 + 8192)
+            + stats.lower_nodes * (4096 * 8 + 1024)
+            + stats.leaves * (512 * 4 + 64);
+        let mut bounds = [[i32::MAX; 3], [i32::MIN; 3]];
+        for tile in self.tiles {
+            stats.active_voxels += 1 << (3 * tile.log2_edge);
+            grow(&mut bounds, tile.origin, last_voxel(tile.origin, tile.log2_edge));
+        }
+        for leaf in self.leaves {
+            stats.active_voxels += leaf.mask.iter().map(|word| u64::from(word.count_ones())).sum::<u64>();
+            if let Some([low, high]) = active_box(leaf) {
+                grow(&mut bounds, low, high);
+            }
+        }
+        stats.bounds = (bounds[0][0] <= bounds[1][0]).then_some(bounds);
+        stats
+    }
+
+    /// Writes the topology stream: what comes between a grid's transform and its leaf buffers.
+    pub(super) fn write(&self, encoder: Encoder, out: &mut impl Write) -> Result<(), VdbWriteError> {
+        let count = |len| u32::try_from(len).map_err(|_| VdbWriteError::TooLarge("the root node"));
+        out.write_all(&1_u32.to_le_bytes())?;
+        out.write_all(&0_f32.to_le_bytes())?;
+        out.write_all(&count(of_edge(self.tiles, LOG2_EDGE[2]).count())?.to_le_bytes())?;
+        out.write_all(&count(self.uppers.len())?.to_le_bytes())?;
+        for tile in of_edge(self.tiles, LOG2_EDGE[2]) {
+            write_origin(out, tile.origin)?;
+            out.write_all(&tile.value.to_le_bytes())?;
+            out.write_all(&[1])?;
+        }
+        let mut node = Node::default();
+        for upper in &self.uppers {
+            let lowers = &self.lowers[upper.lowers.clone()];
+            write_origin(out, upper.origin)?;
+            node.set(
+                2,
+                lowers.iter().map(|lower| lower.origin),
+                of_edge(&self.tiles[upper.tiles.clone()], LOG2_EDGE[1]),
+            );
+            node.write(encoder, out)?;
+            for lower in lowers {
+                let leaves = &self.leaves[lower.leaves.clone()];
+                node.set(1, leaves.iter().map(|leaf| leaf.origin), self.tiles[lower.tiles.clone()].iter());
+                node.write(encoder, out)?;
+                for leaf in leaves {
+                    out.write_all(leaf.mask.map(u64::to_le_bytes).as_flattened())?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Entries of one internal node.
+#[derive(Default)]
+struct Node {
+    children: Vec<u64>,
+    active: Vec<u64>,
+    values: Vec<f32>,
+    block: Vec<u8>,
+}
+
+impl Node {
+    /// Replaces the entries by those of a lower (`level` 1) or upper (2) node with these children and tiles.
+    fn set<'a>(
+        &mut self,
+        level: usize,
+        children: impl Iterator<Item = [i32; 3]>,
+        tiles: impl Iterator<Item = &'a Tile>,
+    ) {
+        let child_log2 = LOG2_EDGE[level - 1];
+        let log2 = LOG2_EDGE[level] - child_log2;
+        let entries = 1 << (3 * log2);
+        for mask in [&mut self.children, &mut self.active] {
+            mask.clear();
+            mask.resize(entries / 64, 0);
+        }
+        self.values.clear();
+        self.values.resize(entries, 0.0);
+        let offset = |origin: [i32; 3]| {
+            origin.iter().fold(0, |at, c| {
+                (at << log2) | ((c >> child_log2) & ((1 << log2) - 1)).cast_unsigned() as usize
+            })
+        };
+        for origin in children {
+            let at = offset(origin);
+            self.children[at / 64] |= 1 << (at % 64);
+        }
+        for tile in tiles {
+            let at = offset(tile.origin);
+            self.active[at / 64] |= 1 << (at % 64);
+            self.values[at] = tile.value;
+        }
+    }
+
+    fn write(&mut self, encoder: Encoder, out: &mut impl Write) -> io::Result<()> {
+        write_mask(out, &self.children)?;
+        write_mask(out, &self.active)?;
+        self.block.clear();
+        encoder.encode_block(&self.active, &self.values, &mut self.block);
+        out.write_all(&self.block)
+    }
+}
+
+fn write_origin(out: &mut impl Write, origin: [i32; 3]) -> io::Result<()> {
+    origin.iter().try_for_each(|c| out.write_all(&c.to_le_bytes()))
+}
+
+fn write_mask(out: &mut impl Write, mask: &[u64]) -> io::Result<()> {
+    mask.iter().try_for_each(|word| out.write_all(&word.to_le_bytes()))
+}
+
+fn grow(bounds: &mut [[i32; 3]; 2], low: [i32; 3], high: [i32; 3]) {
+    for axis in 0..3 {
+        bounds[0][axis] = bounds[0][axis].min(low[axis]);
+        bounds[1][axis] = bounds[1][axis].max(high[axis]);
+    }
+}
+
+/// Smallest and largest index of an active voxel of a leaf.
+fn active_box(leaf: &Leaf) -> Option<[[i32; 3]; 2]> {
+    let x0 = leaf.mask.iter().zip(0..8).find(|(word, _)| **word != 0)?.1;
+    let x1 = leaf.mask.iter().zip(0..8).rfind(|(word, _)| **word != 0)?.1;
+    let rows = leaf.mask.iter().fold(0, |all, word| all | word);
+    let (y0, y1) = (rows.trailing_zeros() / 8, 7 - rows.leading_zeros() / 8);
+    let column = rows.to_le_bytes().iter().fold(0, |all, row| all | row);
+    let (z0, z1) = (column.trailing_zeros(), 7 - column.leading_zeros());
+    let at = |x: i32, y: u32, z: u32| {
+        let [ox, oy, oz] = leaf.origin;
+        [ox + x, oy + y.cast_signed(), oz + z.cast_signed()]
+    };
+    Some([at(x0, y0, z0), at(x1, y1, z1)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::random;
+    use super::*;
+
+    fn leaf(origin: [i32; 3]) -> Leaf {
+        Leaf { origin, mask: [1; 8] }
+    }
+
+    /// The order written out: root entries by signed coordinates, then offsets in the upper and in the lower node.
+    fn path(origin: [i32; 3]) -> ([i32; 3], i32, i32) {
+        let [x, y, z] = origin.map(|c| c & 4095);
+        let upper = (x / 128) * 1024 + (y / 128) * 32 + z / 128;
+        let lower = (x % 128 / 8) * 256 + (y % 128 / 8) * 16 + z % 128 / 8;
+        (align(origin, 12), upper, lower)
+    }
+
+    #[test]
+    fn key_orders_as_a_file_does() {
+        let mut state = 4;
+        let mut coordinate = || {
+            let bits = random(&mut state);
+            let wide = i32::from_le_bytes(bits.to_le_bytes()[..4].first_chunk().copied().unwrap_or_default());
+            // Some far apart, most near the borders of nodes.
+            if bits >> 62 == 0 { wide & !7 } else { (wide >> 18) & !7 }
+        };
+        let mut origins: Vec<[i32; 3]> = (0..20_000).map(|_| [(); 3].map(|()| coordinate())).collect();
+        origins.extend([[i32::MIN; 3], [i32::MAX - 7; 3], [0; 3], [-8; 3]]);
+        origins.sort_by_key(|origin| file_order(*origin));
+        assert!(origins.is_sorted_by_key(|origin| path(*origin)));
+    }
+
+    #[test]
+    fn order_and_alignment_are_checked() {
+        let mut topology = Topology::default();
+        topology.push_leaf(leaf([-8, 0, 0])).expect("first");
+        let order = |result| matches!(result, Err(VdbWriteError::Order { .. }));
+        let misaligned = |result| matches!(result, Err(VdbWriteError::Misaligned { .. }));
+        assert!(order(topology.push_leaf(leaf([-8, 0, 0]))));
+        assert!(order(topology.push_leaf(leaf([-16, 0, 0]))));
+        assert!(misaligned(topology.push_leaf(leaf([4, 0, 0]))));
+        let tile = |origin, log2_edge| Tile { origin, log2_edge, value: 1.0 };
+        assert!(misaligned(topology.push_tile(tile([0; 3], 4))));
+        assert!(misaligned(topology.push_tile(tile([8; 3], 7))));
+        topology.push_tile(tile([0; 3], 7)).expect("after the leaf");
+        assert!(order(topology.push_leaf(leaf([120; 3]))));
+        topology.push_leaf(leaf([0, 0, 128])).expect("after the tile");
+    }
+
+    #[test]
+    fn tiles_of_different_values_stay() {
+        let mut topology = Topology::default();
+        for index in 0..4096 {
+            let origin = [index / 256 * 8, index / 16 % 16 * 8, index % 16 * 8];
+            let value = if index == 77 { 2.0 } else { 1.0 };
+            topology.push_tile(Tile { origin, log2_edge: 3, value }).expect("sorted");
+        }
+        assert_eq!(topology.stats().tiles, [4096, 0, 0]);
+    }
+
+    #[test]
+    fn bounds_reach_the_ends_of_the_lattice() {
+        let mut topology = Topology::default();
+        topology.push_leaf(Leaf { origin: [i32::MIN; 3], mask: [1, 0, 0, 0, 0, 0, 0, 0] }).expect("first");
+        let mask = [0, 0, 0, 0, 0, 0, 0, 1 << 63];
+        topology.push_leaf(Leaf { origin: [i32::MAX - 7; 3], mask }).expect("last");
+        assert_eq!(topology.stats().bounds, Some([[i32::MIN; 3], [i32::MAX; 3]]));
+    }
+}
