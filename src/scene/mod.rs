@@ -1,7 +1,24 @@
 //! Scene text to a [`Scene`], which cannot be invalid.
 //!
 //! [`Scene::parse`] is the only way to make one. Everything after it can rely on what is stated here: every number is
-//! finite and inside the range written beside it, every curve has a length, every name is unique.
+//! finite and inside the range written beside it, every curve has a length, every name is unique. Beyond that no number
+//! exceeds 1e9, none that must be above 0 falls below 1e-9, no octave has more than 1e18 cells per unit, and no tube's layers
+//! reach 1e30, so that what is computed from a scene stays finite.
+
+mod axis;
+mod error;
+mod keys;
+mod layer;
+mod limit;
+mod parse;
+mod reader;
+mod syntax;
+#[cfg(test)]
+mod tests;
+mod tube;
+mod view;
+
+pub use error::{Fault, SceneErrors};
 
 use crate::curve::{Curve, FrameRule, Profile};
 

@@ -1,0 +1,81 @@
+//! Every key of the format, table by table.
+
+/// A kind of table: how it is written, and the keys it takes.
+#[derive(Debug)]
+pub(super) struct Section {
+    /// As it is written in a scene.
+    pub(super) name: &'static str,
+    /// The keys that this version reads.
+    pub(super) keys: &'static [&'static str],
+    /// Keys that the format has but this version does not read, with what to do instead.
+    pub(super) later: &'static [(&'static str, &'static str)],
+}
+
+pub(super) static ROOT: Section = Section {
+    name: "the top level",
+    keys: &["name", "bake", "time", "tube", "medium", "camera", "light"],
+    later: &[],
+};
+
+pub(super) static BAKE: Section = Section {
+    name: "[bake]",
+    keys: &["resolution", "voxel_size", "grids", "cutoff", "octave_fade"],
+    later: &[],
+};
+
+pub(super) static TIME: Section = Section { name: "[time]", keys: &["fps", "start"], later: &[] };
+
+pub(super) static TUBE: Section = Section {
+    name: "[[tube]]",
+    keys: &[
+        "name", "curve", "radius", "twist", "spin", "stretch", "frame", "caps", "conserve", "overlap",
+        "envelope", "layer",
+    ],
+    later: &[],
+};
+
+pub(super) static CURVE: Section = Section {
+    name: "curve",
+    keys: &["kind", "points"],
+    later: &[
+        (
+            "closed",
+            "this version takes open quadratic and cubic curves; to close one, end it where it starts",
+        ),
+        ("file", "this version takes quadratic and cubic curves whose `points` are in the scene"),
+    ],
+};
+
+pub(super) static ENVELOPE: Section = Section { name: "envelope", keys: &["radial", "axial"], later: &[] };
+
+pub(super) static LAYER: Section = Section {
+    name: "[[tube.layer]]",
+    keys: &[
+        "op",
+        "noise",
+        "frequency",
+        "octaves",
+        "lacunarity",
+        "gain",
+        "normalise",
+        "seed",
+        "scroll",
+        "value",
+        "threshold",
+        "multiplier",
+    ],
+    later: &[],
+};
+
+pub(super) static MEDIUM: Section =
+    Section { name: "[medium]", keys: &["extinction", "albedo", "anisotropy"], later: &[] };
+
+pub(super) static CAMERA: Section =
+    Section { name: "[camera]", keys: &["position", "look_at", "fov"], later: &[] };
+
+pub(super) static LIGHT: Section =
+    Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
+
+/// All of them, in the order of a scene.
+pub(super) static SECTIONS: [&Section; 10] =
+    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ENVELOPE, &LAYER, &MEDIUM, &CAMERA, &LIGHT];

@@ -1,0 +1,124 @@
+//! A whole scene: its top level, `[bake]` and `[time]`.
+
+use std::path::Path;
+
+use toml::de::DeTable;
+
+use super::error::{Fault, Faults, SceneErrors};
+use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
+use super::reader::{Item, Reader, Words};
+use super::{Bake, Scene, Step, TimeBase, limit, syntax, tube, view};
+
+/// Voxels along the longest side.
+const RESOLUTION: u32 = 256;
+/// Frames and resolutions lie below this.
+const LARGEST: i64 = 1_000_000;
+
+static GRIDS: Words<()> = Words {
+    known: &[("density", ())],
+    later: &["temperature", "color", "velocity", "rest", "sdf"],
+    instead: "this version bakes density only",
+};
+
+impl Scene {
+    /// Reads a scene from TOML text. `origin` is the name of its file: messages show it, and its stem names a scene
+    /// that does not name itself. A byte order mark is passed over.
+    ///
+    /// # Errors
+    ///
+    /// All faults of the text at once, each with its line and column.
+    pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneErrors> {
+        let body = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let (document, errors) = DeTable::parse_recoverable(body);
+        let faults = Faults::default();
+        let root = Reader::new(document.get_ref(), document.span(), &ROOT, &faults);
+        let scene = Scene {
+            name: root.get("name").and_then(name).unwrap_or_else(|| stem(origin)),
+            bake: bake(&root),
+            time: time(&root),
+            tubes: tube::tubes(&root.tables("tube", &TUBE)),
+            medium: view::medium(root.table("medium", &MEDIUM)),
+            camera: view::camera(&root),
+            lights: root.tables("light", &LIGHT).iter().map(view::light).collect(),
+            text: text.to_owned(),
+        };
+        syntax::report(body, document.get_ref(), &errors, &faults);
+        faults.into_errors(origin, body).map_or(Ok(scene), Err)
+    }
+}
+
+fn bake(root: &Reader<'_>) -> Bake {
+    let default = Bake { step: Step::Resolution(RESOLUTION), cutoff: 0.0, octave_fade: true };
+    let Some(table) = root.table("bake", &BAKE) else { return default };
+    let resolution = table.integer("resolution", 1..=LARGEST).and_then(|n| u32::try_from(n).ok());
+    let voxel_size = table.number("voxel_size", &limit::POSITIVE);
+    if let (Some(resolution), Some(size)) = (table.key_span("resolution"), table.key_span("voxel_size")) {
+        let fault = Fault::at(size, "`resolution` and `voxel_size` contradict each other")
+            .label("give one of the two");
+        table.report(fault.related(resolution, "`resolution` is given here"));
+    }
+    if let Some(grids) = table.get("grids") {
+        check_grids(&grids);
+    }
+    Bake {
+        step: match (voxel_size, resolution) {
+            (Some(size), _) => Step::VoxelSize(size),
+            (None, Some(resolution)) => Step::Resolution(resolution),
+            (None, None) => default.step,
+        },
+        cutoff: table.number("cutoff", &limit::NOT_NEGATIVE).unwrap_or(default.cutoff),
+        octave_fade: table.boolean("octave_fade").unwrap_or(default.octave_fade),
+    }
+}
+
+fn check_grids(item: &Item<'_>) {
+    let Some(grids) = item.array("an array of grid names") else { return };
+    if grids.is_empty() {
+        item.report(Fault::at(item.span(), "`grids` is empty").label("expected [\"density\"]"));
+    }
+    let mut first = None;
+    for grid in &grids {
+        if grid.word(&GRIDS).is_none() {
+            continue;
+        }
+        if let Some(first) = first.replace(grid.span()) {
+            grid.report(
+                Fault::at(grid.span(), "`grids` names \"density\" twice")
+                    .related(first, "it is already named here"),
+            );
+        }
+    }
+}
+
+fn time(root: &Reader<'_>) -> TimeBase {
+    let table = root.table("time", &TIME);
+    TimeBase {
+        fps: table.and_then(|table| table.number("fps", &limit::POSITIVE)).unwrap_or(24.0),
+        start: table.and_then(|table| table.integer("start", -LARGEST..=LARGEST)).unwrap_or(1),
+    }
+}
+
+/// The scene's name. It names a file, so it must be a file's name on every system.
+fn name(item: Item<'_>) -> Option<String> {
+    let name = item.text()?;
+    if is_file_name(name) {
+        return Some(name.to_owned());
+    }
+    item.report(
+        Fault::at(item.span(), "`name` cannot name a file")
+            .label("expected up to 100 characters without / \\ : * ? \" < > | and not only dots or spaces"),
+    );
+    None
+}
+
+fn is_file_name(name: &str) -> bool {
+    let forbidden = |c: char| c.is_control() || "/\\:*?\"<>|".contains(c);
+    !name.chars().any(forbidden)
+        && !name.chars().all(|c| c == '.' || c.is_whitespace())
+        && name.chars().count() <= 100
+}
+
+fn stem(origin: &str) -> String {
+    let stem = Path::new(origin).file_stem().and_then(|stem| stem.to_str()).filter(|stem| is_file_name(stem));
+    stem.unwrap_or("scene").to_owned()
+}

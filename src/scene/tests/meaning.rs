@@ -1,0 +1,224 @@
+//! What valid texts mean.
+
+use crate::curve::{FrameRule, Profile};
+use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ROOT, SECTIONS};
+use crate::scene::{Camera, Caps, Fbm, Light, Op, Pattern, Radial, Scene, Step, TimeBase};
+
+const SKETCH: &str = r#"
+name = "tornado"
+
+[bake]                                  # what the command line may override
+resolution = 256                        # or voxel_size = 0.01
+grids = ["density"]
+
+[time]                                  # frame `start` is t = 0
+fps = 24
+start = 1
+
+[[tube]]
+name = "funnel"
+curve = { kind = "quadratic", points = [[0, 0, 0], [0.3, 0.1, 1.2], [0, 0, 2.5]] }   # chains: 2n+1 points; cubic 3n+1
+radius = [[0.0, 0.10], [1.0, 0.60]]     # keys over l in [0, 1]; or one number; or a named profile
+twist = 3.0                             # turns from end to end
+spin = 0.2                              # turns a second
+stretch = true                          # l = s/L; false: l = s
+frame = "rotation-minimising"           # or "frenet"
+caps = "fade"                           # flat, round, fade
+conserve = "off"                        # off, radius, full
+overlap = "max"                         # max, sum, closest, blend
+envelope = { radial = "smooth", axial = 0.1 }
+
+[[tube.layer]]                          # combined in order
+op = "multiply"                         # add, multiply, max, min
+noise = "perlin"                        # constant, sectors, worley, ...
+frequency = [2.0, 2.0, 3.0]             # cells per unit of (u, v, l)
+octaves = 5
+lacunarity = 2.0
+gain = 0.5
+threshold = 0.1                         # max(0, n - threshold) * multiplier
+multiplier = 1.6
+scroll = [0.0, 0.0, -0.3]               # cells a second
+
+[medium]
+extinction = 12.0                       # per metre, times density
+albedo = 0.9
+anisotropy = 0.2
+
+[camera]                                # all optional: framed to the bounds
+[[light]]
+kind = "sun"
+direction = [-1.0, -0.3, -0.5]
+"#;
+
+fn scene(text: &str) -> Scene {
+    Scene::parse(text, "scene.toml").expect("the text is valid")
+}
+
+/// A scene of one tube with a curve of length 2 and these further lines.
+fn tube(lines: &str) -> Scene {
+    scene(&format!("[[tube]]\ncurve = {{ points = [[0, 0, 0], [0, 0, 1], [0, 0, 2]] }}\n{lines}\n"))
+}
+
+#[test]
+fn sketch_of_every_key() {
+    let scene = scene(SKETCH);
+    assert_eq!(scene.name(), "tornado");
+    assert_eq!(scene.bake().step, Step::Resolution(256));
+    assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1 });
+    assert_eq!(scene.text(), SKETCH);
+    let [tube] = scene.tubes() else { panic!("one tube") };
+    assert_eq!(tube.name, "funnel");
+    assert_eq!(tube.curve.segments().len(), 1);
+    assert_eq!(tube.radius, Profile::keyed(&[(0.0, 0.1), (1.0, 0.6)]).unwrap());
+    assert_eq!((tube.twist, tube.spin, tube.stretch), (3.0, 0.2, true));
+    assert_eq!(
+        (tube.frame, tube.caps, tube.radial),
+        (FrameRule::RotationMinimising, Caps::Fade(0.1), Radial::Smooth)
+    );
+    let [layer] = tube.layers.as_slice() else { panic!("one layer") };
+    assert_eq!((layer.op, layer.threshold, layer.multiplier), (Op::Multiply, Some(0.1), 1.6));
+    let fbm = Fbm {
+        frequency: [2.0, 2.0, 3.0],
+        octaves: 5,
+        lacunarity: 2.0,
+        gain: 0.5,
+        normalise: false,
+        seed: 0,
+        scroll: [0.0, 0.0, -0.3],
+    };
+    assert_eq!(layer.pattern, Pattern::Perlin(fbm));
+    assert_eq!(
+        (scene.medium().extinction, scene.medium().albedo, scene.medium().anisotropy),
+        (12.0, 0.9, 0.2)
+    );
+    assert_eq!(scene.camera(), Camera::default());
+    let [Light::Sun { direction, irradiance }] = scene.lights() else { panic!("one light") };
+    // The length of (-1, -0.3, -0.5) is the root of 1.34; its quotients are good to an ulp or two.
+    for (found, given) in direction.iter().zip([-1.0, -0.3, -0.5]) {
+        assert!((found - given / 1.34_f64.sqrt()).abs() < 1e-15);
+    }
+    assert_eq!(*irradiance, [1.0; 3]);
+}
+
+#[test]
+fn empty_text_is_an_empty_scene_named_after_its_file() {
+    let name = |origin| Scene::parse("", origin).unwrap().name().to_owned();
+    assert_eq!(name("shots/a b.v2.toml"), "a b.v2");
+    assert_eq!(name("-"), "-");
+    assert_eq!(name(""), "scene");
+    assert_eq!(name(".."), "scene");
+    let scene = scene("");
+    assert!(scene.tubes().is_empty() && scene.lights().is_empty());
+    assert_eq!(scene.bake().step, Step::Resolution(256));
+    assert_eq!((scene.bake().cutoff, scene.bake().octave_fade), (0.0, true));
+    assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1 });
+}
+
+#[test]
+fn tube_of_only_a_curve() {
+    let scene = tube("");
+    let tube = &scene.tubes()[0];
+    assert_eq!(tube.name, "tube 1");
+    assert!((tube.radius.at(0.5) - 0.2).abs() < 1e-12, "a tenth of the length, whose own error is 1e-12");
+    assert_eq!((tube.twist, tube.spin, tube.stretch), (0.0, 0.0, true));
+    assert_eq!(
+        (tube.frame, tube.caps, tube.radial),
+        (FrameRule::RotationMinimising, Caps::Fade(0.1), Radial::Smooth)
+    );
+    assert!(tube.layers.is_empty());
+}
+
+#[test]
+fn layer_without_keys() {
+    let scene = tube("[[tube.layer]]");
+    let layer = &scene.tubes()[0].layers[0];
+    let Pattern::Perlin(fbm) = &layer.pattern else { panic!("perlin") };
+    assert_eq!((layer.op, layer.threshold, layer.multiplier), (Op::Multiply, None, 1.0));
+    assert_eq!((fbm.frequency, fbm.octaves, fbm.lacunarity, fbm.gain), ([2.0, 2.0, 3.0], 5, 2.0, 0.5));
+    assert_eq!((fbm.normalise, fbm.seed, fbm.scroll), (false, 0, [0.0; 3]));
+}
+
+#[test]
+fn envelopes_and_caps() {
+    let ends = |lines| (tube(lines).tubes()[0].caps, tube(lines).tubes()[0].radial);
+    assert_eq!(ends("caps = 'flat'\nenvelope.radial = 'hard'"), (Caps::Flat, Radial::Hard));
+    assert_eq!(ends("caps = 'round'\nenvelope.radial = 'linear'"), (Caps::Round, Radial::Linear));
+    assert_eq!(ends("envelope = { radial = 1, axial = 0.5 }"), (Caps::Fade(0.5), Radial::Edge(1.0)));
+    assert_eq!(ends("caps = 'fade'\nenvelope = { radial = 0.25 }"), (Caps::Fade(0.1), Radial::Edge(0.25)));
+}
+
+#[test]
+fn patterns_and_numbers_for_vectors() {
+    let scene = tube(
+        "[[tube.layer]]\nnoise = 'constant'\nvalue = 0x10\nop = 'add'\n[[tube.layer]]\nnoise = 'sectors'\nop = 'max'\n\
+         [[tube.layer]]\nfrequency = 1_0\nop = 'min'\n[[light]]\nirradiance = 3",
+    );
+    let layers = &scene.tubes()[0].layers;
+    assert_eq!((layers[0].op, &layers[0].pattern), (Op::Add, &Pattern::Constant(16.0)));
+    assert_eq!((layers[1].op, &layers[1].pattern), (Op::Max, &Pattern::Sectors));
+    assert!(matches!(&layers[2].pattern, Pattern::Perlin(fbm) if fbm.frequency == [10.0; 3]));
+    assert!(matches!(scene.lights(), [Light::Sun { irradiance: [3.0, 3.0, 3.0], .. }]));
+}
+
+#[test]
+fn unnamed_tubes_pass_over_names_that_are_taken() {
+    let curve = "curve = { points = [[0, 0, 0], [0, 0, 1], [0, 0, 2]] }\n";
+    let text =
+        format!("[[tube]]\n{curve}[[tube]]\n{curve}[[tube]]\nname = 'tube 2'\n{curve}[[tube]]\n{curve}");
+    let scene = scene(&text);
+    let names: Vec<_> = scene.tubes().iter().map(|tube| tube.name.as_str()).collect();
+    assert_eq!(names, ["tube 1", "tube 3", "tube 2", "tube 4"]);
+}
+
+#[test]
+fn marks_and_line_ends_of_other_systems_change_nothing() {
+    let plain = format!("{:?}", scene(SKETCH)).replace("\\n", "");
+    let windows = format!("\u{feff}{}", SKETCH.replace('\n', "\r\n"));
+    let windows = format!("{:?}", scene(&windows)).replace("\\r\\n", "").replace("\\u{feff}", "");
+    assert_eq!(plain, windows);
+}
+
+/// A key that is listed but never read would be ignored in silence.
+#[test]
+fn every_listed_key_is_read() {
+    for section in SECTIONS {
+        for key in section.keys {
+            let wrong = format!("{key} = 1979-05-27\n");
+            let text = match section.name {
+                name if name == ROOT.name => wrong,
+                name if name == CURVE.name || name == ENVELOPE.name => {
+                    format!("[[tube]]\n[tube.{name}]\n{wrong}")
+                }
+                name if name == LAYER.name => format!("[[tube]]\n{name}\n{wrong}"),
+                name => format!("{name}\n{wrong}"),
+            };
+            let errors = Scene::parse(&text, "scene.toml").expect_err("a date is no value of any key");
+            let expected = format!("wrong type for `{key}`");
+            assert!(
+                errors.faults().iter().any(|fault| fault.message().starts_with(&expected)),
+                "{text}\n{errors}"
+            );
+        }
+    }
+}
+
+#[test]
+fn shipped_scenes_are_valid_and_smooth() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let scene = Scene::parse(&text, &path.to_string_lossy()).unwrap_or_else(|errors| panic!("{errors}"));
+        assert_eq!(Some(scene.name()), path.file_stem().and_then(|stem| stem.to_str()));
+        for tube in scene.tubes() {
+            for joint in 0..tube.curve.segments().len() {
+                // Joints are written in decimals, so tangents agree to rounding.
+                let turn = tube.curve.turn(joint);
+                assert!(turn < 1e-12, "{} has a corner of {turn} in {}", path.display(), tube.name);
+            }
+        }
+        count += 1;
+    }
+    assert_eq!(count, 5);
+}

@@ -1,0 +1,6 @@
+//! Tests of the scene format.
+#![allow(clippy::unwrap_used, reason = "what is not there fails the test")]
+
+mod hostile;
+mod meaning;
+mod messages;
