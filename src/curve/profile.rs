@@ -54,6 +54,7 @@ pub enum ProfileError {
 /// Before the first key and after the last it is constant; two keys at one x make a jump.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
+    keys: Vec<(f64, f64)>,
     knots: Vec<f64>,
     /// `knots.len() + 1` pieces: piece i ends at knot i.
     pieces: Vec<Piece>,
@@ -124,7 +125,12 @@ impl Profile {
             pieces.push(Piece::constant(last.0, 1.0, last.1));
         }
         let knots = pieces[1..].iter().map(|piece| piece.x0).collect();
-        Ok(Profile { knots, pieces })
+        Ok(Profile { keys: keys.to_vec(), knots, pieces })
+    }
+
+    /// The keys (x, value) it was made of.
+    pub fn keys(&self) -> &[(f64, f64)] {
+        &self.keys
     }
 
     /// The value at x, clamped to [0, 1]; at a jump the value after it.
