@@ -2,7 +2,7 @@
 
 use super::Segment;
 use super::polynomial::{bisect, cubic_roots_inside};
-use super::transport::{Extent, Transport, extent, turn_between};
+use super::transport::{Extent, Transport, extent, leaning, turn_between};
 use glam::DVec3;
 
 /// Which frame carries the cross-section along the curve.
@@ -26,7 +26,8 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame on a unit tangent that the smallest rotation from +z to it makes of +x (normal) and +y (binormal).
+    /// The frame on a unit tangent that the smallest rotation from +z to it makes of +x (normal) and +y
+    /// (binormal).
     ///
     /// On -z, where no rotation is the smallest, the normal is +x and the binormal -y.
     pub fn on(tangent: DVec3) -> Frame {
@@ -55,7 +56,8 @@ impl Frame {
         }
     }
 
-    /// The frame turned by the smallest rotation to another unit tangent, and about its normal to the opposite one.
+    /// The frame turned by the smallest rotation to another unit tangent, and about its normal to the
+    /// opposite one.
     pub(super) fn bent(&self, tangent: DVec3) -> Frame {
         let axis = self.tangent.cross(tangent);
         let opposite = self.tangent.dot(tangent) < 0.0;
@@ -88,7 +90,8 @@ pub(super) struct Frames {
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     start: f64,
-    /// Cosine and sine of a constant turn from the transported frame; none: the principal normal by its formula.
+    /// Cosine and sine of a constant turn from the transported frame; none: the principal normal by its
+    /// formula.
     turn: Option<(f64, f64)>,
 }
 
@@ -129,7 +132,7 @@ impl Frames {
 /// Tangent, principal normal and binormal of a curve with curvature at t.
 fn principal(segment: &Segment, t: f64) -> Frame {
     let [a, b, c] = segment.turning();
-    super::transport::leaning(((c * t + b) * t + a).normalize(), segment.tangent(t))
+    leaning(((c * t + b) * t + a).normalize(), segment.tangent(t))
 }
 
 /// Cusps and folds: minima of the speed, at most 1e-9 of what it is made of, in (0, 1).
@@ -141,7 +144,8 @@ fn sharp_turns(segment: &Segment) -> Vec<f64> {
     turns
 }
 
-/// Splits [0, 1] where the curvature passes 1e-6 over the segment's size, and a planar segment's normal changes side.
+/// Splits [0, 1] where the curvature passes 1e-6 over the segment's size, and a planar segment's normal
+/// changes side.
 fn frenet_pieces(segment: &Segment, extent: Extent, transport: &Transport) -> Vec<Piece> {
     let [q0, q1, q2] = segment.turning();
     let (low, high) = segment.bounds();
@@ -186,10 +190,161 @@ fn frenet_pieces(segment: &Segment, extent: Extent, transport: &Transport) -> Ve
             _ if curved => Some(turn_between(&transport.at(segment, most), &principal(segment, most))),
             _ => Some(carried),
         };
+        // A planar piece's turn is the one before it to rounding, or opposite to it: rounding must not make a
+        // break.
+        let turn =
+            turn.map(|(x, y)| if x * carried.0 + y * carried.1 > 1.0 - 1e-9 { carried } else { (x, y) });
         carried = turn.unwrap_or_else(|| turn_between(&transport.at(segment, end), &principal(segment, end)));
-        if pieces.last().is_none_or(|last| last.turn != turn || turn.is_none()) {
+        if pieces.last().is_none_or(|last| last.turn != turn) {
             pieces.push(Piece { start, turn });
         }
     }
     pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::Random;
+    use super::*;
+    use glam::dvec3;
+
+    fn assert_orthonormal(f: &Frame) {
+        // A few roundings.
+        assert!((f.tangent.length() - 1.0).abs() < 1e-14 && (f.normal.length() - 1.0).abs() < 1e-14);
+        assert!(f.normal.cross(f.binormal).distance(f.tangent) < 1e-14, "{f:?}");
+    }
+
+    #[test]
+    fn start_frame_is_the_smallest_rotation_of_the_axes() {
+        assert_eq!(Frame::on(DVec3::Z), Frame { tangent: DVec3::Z, normal: DVec3::X, binormal: DVec3::Y });
+        let down = Frame::on(-DVec3::Z);
+        assert_eq!(down, Frame { tangent: -DVec3::Z, normal: DVec3::X, binormal: -DVec3::Y });
+        let mut random = Random(20);
+        for k in 0..300 {
+            // From anywhere to ever closer to -z.
+            let tangent = if k < 100 {
+                random.point().normalize()
+            } else {
+                (-DVec3::Z + 0.8_f64.powi(k - 100) * random.point()).normalize()
+            };
+            let f = Frame::on(tangent);
+            assert_orthonormal(&f);
+            // The axis of the rotation, z x T, stays: its shares of x and y are its shares of normal and
+            // binormal.
+            let axis = DVec3::Z.cross(tangent).normalize();
+            assert!((axis.x * f.normal + axis.y * f.binormal).distance(axis) < 1e-13);
+        }
+    }
+
+    #[test]
+    fn bending_keeps_the_axis_and_is_undone() {
+        let mut random = Random(21);
+        for k in 0..300 {
+            let f = Frame::on(random.point().normalize());
+            let to =
+                if k < 100 { random.point() } else { -f.tangent + 0.9_f64.powi(k - 100) * random.point() };
+            let g = f.bent(to.normalize());
+            assert_orthonormal(&g);
+            let axis = f.tangent.cross(g.tangent);
+            // Rounding over the sine of the angle, and 1e-9 at which a turn counts as a half one.
+            let tolerance = 1e-15 + 1e-15 / axis.length();
+            if axis.length() > 1e-8 {
+                let axis = axis.normalize();
+                assert!((f.normal.dot(axis) - g.normal.dot(axis)).abs() < tolerance);
+                assert!(g.bent(f.tangent).normal.distance(f.normal) < 10.0 * tolerance);
+            }
+        }
+        let f = Frame::on(DVec3::Z);
+        assert_eq!(f.bent(-DVec3::Z), Frame { tangent: -DVec3::Z, normal: DVec3::X, binormal: -DVec3::Y });
+    }
+
+    fn frames(segment: &Segment, rule: FrameRule) -> Frames {
+        Frames::new(segment, rule, &Frame::on(segment.tangent(0.0)))
+    }
+
+    #[test]
+    fn frenet_is_the_principal_normal() {
+        let mut random = Random(22);
+        for i in 0..100 {
+            let segment = if i % 2 == 0 { random.cubic() } else { random.quadratic() };
+            let frames = frames(&segment, FrameRule::Frenet);
+            assert_eq!(frames.breaks().len(), 0);
+            for k in 0..=20 {
+                let t = f64::from(k) / 20.0;
+                let f = frames.at(&segment, t);
+                assert_orthonormal(&f);
+                let (d1, d2) = (segment.d1(t), segment.d2(t));
+                let toward = d2 - d2.dot(f.tangent) * f.tangent;
+                // Rounding over the part of C'' across the curve.
+                assert!(
+                    f.normal.distance(toward.normalize())
+                        < 1e-13 * (1.0 + d2.length() + d1.length()) / toward.length()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn frenet_flips_at_the_inflection_of_a_plane_s() {
+        let s = Segment::cubic([DVec3::ZERO, dvec3(0.3, 1.0, 0.0), dvec3(0.7, -1.0, 0.0), DVec3::X]);
+        let flipping = frames(&s, FrameRule::Frenet);
+        // The curve bends to the right first, and is carried on for the moment that its curvature is below
+        // 1e-6.
+        assert_eq!(flipping.breaks().len(), 1);
+        let flip = flipping.breaks()[0];
+        assert!(flip > 0.5 && flip < 0.5 + 1e-6);
+        assert!(flipping.at(&s, flip - 1e-12).binormal.distance(-DVec3::Z) < 1e-14);
+        assert!(flipping.at(&s, flip).binormal.distance(DVec3::Z) < 1e-14);
+        let smooth = frames(&s, FrameRule::RotationMinimising);
+        assert!(smooth.breaks().is_empty());
+        assert!(smooth.at(&s, 0.5 - 1e-9).normal.distance(smooth.at(&s, 0.5 + 1e-9).normal) < 1e-7);
+    }
+
+    #[test]
+    fn frenet_carries_on_where_the_curve_is_straight() {
+        // Straight to rounding, but not to 1e-9: below the least curvature everywhere.
+        let nearly = Segment::cubic([DVec3::ZERO, dvec3(0.3, 1e-9, 0.0), dvec3(0.7, 0.0, 1e-9), DVec3::X]);
+        let start = Frame::on(nearly.tangent(0.0)).turned(0.6, 0.8);
+        let frames = Frames::new(&nearly, FrameRule::Frenet, &start);
+        assert!(frames.breaks().is_empty());
+        for t in [0.0, 0.4, 1.0] {
+            assert!(frames.at(&nearly, t).normal.distance(start.normal) < 1e-8);
+        }
+    }
+
+    #[test]
+    fn out_of_plane_inflection_is_carried_and_left() {
+        // The curvature passes through 1e-9 or so at the middle, without an inflection.
+        let s = Segment::cubic([DVec3::ZERO, dvec3(0.3, 1.0, 0.0), dvec3(0.7, -1.0, 1e-9), DVec3::X]);
+        let frames = frames(&s, FrameRule::Frenet);
+        assert_eq!(frames.breaks().len(), 2);
+        let [a, b] = [frames.breaks()[0], frames.breaks()[1]];
+        assert!(a < b && b - a < 1e-5);
+        // Continuous where it begins to be carried: C' x C'' is known there to 1e-16 / 1e-6.
+        assert!(frames.at(&s, a - 1e-13).normal.distance(frames.at(&s, a).normal) < 1e-6);
+        assert!(frames.at(&s, b - 1e-13).normal.distance(frames.at(&s, b).normal) > 1.0);
+    }
+
+    #[test]
+    fn folds_and_cusps_turn_once_and_say_where() {
+        let fold = Segment::quadratic([DVec3::ZERO, 1.5 * DVec3::X, DVec3::X]);
+        let cusp = Segment::cubic([DVec3::ZERO, dvec3(1.0, 1.0, 0.0), dvec3(0.0, 1.0, 0.0), DVec3::X]);
+        for rule in [FrameRule::RotationMinimising, FrameRule::Frenet] {
+            let along = frames(&fold, rule);
+            assert_eq!(along.breaks(), [0.75]);
+            let (before, after) = (along.at(&fold, 0.5), along.at(&fold, 1.0));
+            assert_eq!((after.normal, after.binormal), (before.normal, -before.binormal));
+
+            let along = frames(&cusp, rule);
+            assert_eq!(along.breaks().len(), 1);
+            assert!((along.breaks()[0] - 0.5).abs() < 1e-9);
+            let (before, after) = (along.at(&cusp, 0.5 - 1e-6), along.at(&cusp, 0.5 + 1e-6));
+            // In its plane: the tangent is reversed but for the 4e-6 that the curve turns meanwhile.
+            assert!((before.normal.z - after.normal.z).abs() < 1e-9);
+            assert!(before.tangent.distance(-after.tangent) < 1e-5);
+            for t in [0.0, 0.5, 1.0] {
+                assert_orthonormal(&along.at(&cusp, t));
+            }
+        }
+    }
 }

@@ -6,6 +6,8 @@ mod length;
 mod polynomial;
 mod profile;
 mod segment;
+#[cfg(test)]
+mod testing;
 mod transport;
 
 pub use chain::{Curve, CurveError};

@@ -51,7 +51,8 @@ pub(super) fn bisect(mut lo: f64, mut hi: f64, f: impl Fn(f64) -> f64) -> f64 {
     let rising = f(hi) > 0.0;
     loop {
         let mid = 0.5 * (lo + hi);
-        if mid <= lo || mid >= hi {
+        let between = lo < mid && mid < hi;
+        if !between {
             return mid;
         }
         let value = f(mid);

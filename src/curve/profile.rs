@@ -37,7 +37,7 @@ pub enum ProfileError {
         key: usize,
     },
     /// More than two keys at one place, or two at an end of the curve, where a jump has one side only.
-    #[error("key {key} repeats the place {x}, which {}", if *.x > 0.0 && *.x < 1.0 { "two keys already share" } else { "is an end" })]
+    #[error("key {key} is one too many at {x}: two keys make a jump, and only between 0 and 1")]
     Repeat {
         /// Counted from 0.
         key: usize,
@@ -48,10 +48,11 @@ pub enum ProfileError {
 
 /// A value over x in [0, 1], at least 0: the radius over the fraction of the arc length.
 ///
-/// Between keys a monotone cubic: never above the larger nor below the smaller of two neighbouring keys, with a continuous slope
-/// (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980: slopes at keys are the mean of the two
-/// chords' slopes, zero where these differ in sign, and both ends of an interval are scaled back into the circle of radius 3).
-/// Before the first key and after the last it is constant; two keys at one x make a jump.
+/// Between keys a monotone cubic: never above the larger nor below the smaller of two neighbouring keys, with
+/// a continuous slope (Fritsch and Carlson, "Monotone piecewise cubic interpolation", 1980: slopes at keys
+/// are the mean of the two chords' slopes, zero where these differ in sign, and both ends of an interval are
+/// scaled back into the circle of radius 3). Before the first key and after the last it is constant; two keys
+/// at one x make a jump.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     keys: Vec<(f64, f64)>,
@@ -109,8 +110,8 @@ impl Profile {
     ///
     /// # Errors
     ///
-    /// No key; x outside [0, 1], not ascending, or closer than 1e-9 without being equal; more than two keys at one x, or two at 0 or 1; a value
-    /// that is negative, not finite, or beyond 1e60.
+    /// No key; x outside [0, 1], not ascending, or closer than 1e-9 without being equal; more than two keys
+    /// at one x, or two at 0 or 1; a value that is negative, not finite, or beyond 1e60.
     pub fn keyed(keys: &[(f64, f64)]) -> Result<Profile, ProfileError> {
         check(keys)?;
         let Some((&first, &last)) = keys.first().zip(keys.last()) else { return Err(ProfileError::Empty) };
@@ -138,12 +139,14 @@ impl Profile {
         self.at_in(self.knots.partition_point(|knot| *knot <= x), x)
     }
 
-    /// The value at x as piece `piece` has it, which runs from knot `piece - 1` (or 0) to knot `piece` (or 1); x is clamped to that.
+    /// The value at x as piece `piece` has it, which runs from knot `piece - 1` (or 0) to knot `piece` (or
+    /// 1); x is clamped to that.
     pub fn at_in(&self, piece: usize, x: f64) -> f64 {
         self.pieces[piece].at(x)
     }
 
-    /// Least and greatest value for x in [x0, x1], exact to rounding; of a jump in it or at its ends both sides count.
+    /// Least and greatest value for x in [x0, x1], exact to rounding; of a jump in it or at its ends both
+    /// sides count.
     pub fn range(&self, x0: f64, x1: f64) -> (f64, f64) {
         // From the piece that ends at or after x0 to the one that starts at or before x1.
         let first = self.knots.partition_point(|knot| *knot < x0);
@@ -158,7 +161,8 @@ impl Profile {
         (low, high)
     }
 
-    /// Every x strictly inside (0, 1) where a derivative of the profile, or the profile itself, may jump, ascending.
+    /// Every x strictly inside (0, 1) where a derivative of the profile, or the profile itself, may jump,
+    /// ascending.
     pub fn knots(&self) -> &[f64] {
         &self.knots
     }
@@ -228,5 +232,131 @@ fn monotone(keys: &[(f64, f64)], pieces: &mut Vec<Piece>) {
         let (x1, v1) = pair[1];
         let width = x1 - x0;
         pieces.push(Piece { x0, x1, v0, v1, m0: m[0] * width, m1: m[1] * width });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::Random;
+    use super::*;
+
+    fn random_keys(random: &mut Random) -> Vec<(f64, f64)> {
+        let mut x = if random.unit() < 0.3 { 0.0 } else { 0.2 * random.unit() };
+        let mut keys = Vec::new();
+        while x <= 1.0 {
+            keys.push((x, random.unit()));
+            if x > 0.0 && random.unit() < 0.2 {
+                keys.push((x, random.unit()));
+            }
+            x += 0.01 + 0.3 * random.unit();
+        }
+        keys
+    }
+
+    #[test]
+    fn what_is_no_profile_is_refused() {
+        let error = |keys: &[(f64, f64)]| Profile::keyed(keys).expect_err("not a profile");
+        assert_eq!(error(&[]), ProfileError::Empty);
+        assert_eq!(error(&[(0.0, 1.0), (1.5, 1.0)]), ProfileError::Place { key: 1, x: 1.5 });
+        assert!(matches!(error(&[(f64::NAN, 1.0)]), ProfileError::Place { key: 0, .. }));
+        for bad in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(error(&[(0.0, 1.0), (0.5, bad)]), ProfileError::Value { key: 1, .. }));
+            assert!(Profile::constant(bad).is_err());
+        }
+        assert_eq!(error(&[(0.5, 1.0), (0.4, 1.0)]), ProfileError::Order { key: 1, x: 0.4 });
+        assert_eq!(error(&[(0.5, 1.0), (0.5 + 1e-10, 2.0)]), ProfileError::Close { key: 1 });
+        assert_eq!(error(&[(0.5, 1.0), (0.5, 2.0), (0.5, 3.0)]), ProfileError::Repeat { key: 2, x: 0.5 });
+        assert_eq!(error(&[(0.0, 1.0), (0.0, 2.0)]), ProfileError::Repeat { key: 1, x: 0.0 });
+        let message = error(&[(0.0, 1.0), (0.0, 2.0)]).to_string();
+        assert_eq!(message, "key 1 is one too many at 0: two keys make a jump, and only between 0 and 1");
+    }
+
+    #[test]
+    fn constants_and_straight_lines_are_exact() {
+        let constant = Profile::constant(0.3).expect("valid");
+        assert_eq!((constant.as_constant(), constant.max(), constant.at(0.7)), (Some(0.3), 0.3, 0.3));
+        assert!(constant.knots().is_empty());
+        assert_eq!(Profile::keyed(&[(0.2, 2.0), (0.7, 2.0)]).expect("valid").as_constant(), Some(2.0));
+        assert_eq!(Profile::constant(0.0).expect("valid").as_constant(), Some(0.0));
+        let cone = Profile::keyed(&[(0.0, 1.0), (0.5, 2.0), (1.0, 3.0)]).expect("valid");
+        for k in 0..=100 {
+            let x = f64::from(k) / 100.0;
+            assert!((cone.at(x) - (1.0 + 2.0 * x)).abs() < 1e-15);
+        }
+        assert_eq!(cone.as_constant(), None);
+    }
+
+    #[test]
+    fn a_jump_has_two_sides() {
+        let profile = Profile::keyed(&[(0.25, 1.0), (0.5, 2.0), (0.5, 5.0), (0.75, 4.0)]).expect("valid");
+        assert_eq!(profile.knots(), [0.25, 0.5, 0.75]);
+        assert_eq!((profile.at(0.0), profile.at(0.5), profile.at(1.0)), (1.0, 5.0, 4.0));
+        assert_eq!((profile.at_in(1, 0.5), profile.at_in(2, 0.5)), (2.0, 5.0));
+        assert!((profile.at(0.5 - 1e-12) - 2.0).abs() < 1e-10);
+        assert_eq!(profile.range(0.3, 0.5).1, 5.0);
+        assert_eq!(profile.range(0.5, 0.6).0, 2.0);
+        assert_eq!(profile.range(0.5, 0.5), (2.0, 5.0));
+        assert_eq!((profile.range(0.0, 1.0), profile.max()), ((1.0, 5.0), 5.0));
+        assert_eq!((profile.range(0.0, 0.2), profile.range(0.8, 1.0)), ((1.0, 1.0), (4.0, 4.0)));
+    }
+
+    #[test]
+    fn passes_through_its_keys_between_its_neighbours_with_a_continuous_slope() {
+        let mut random = Random(40);
+        for _ in 0..200 {
+            let keys = random_keys(&mut random);
+            let profile = Profile::keyed(&keys).expect("valid");
+            for pair in keys.windows(2) {
+                let ((a, va), (b, vb)) = (pair[0], pair[1]);
+                if a == b {
+                    continue;
+                }
+                assert_eq!(profile.at(a), va);
+                let mut before = va;
+                for k in 1..=100 {
+                    let value = profile.at(a + (b - a) * f64::from(k) / 101.0);
+                    // Monotone to rounding.
+                    assert!((value - before) * (vb - va) >= -1e-16, "{value} after {before}");
+                    assert!(value >= va.min(vb) && value <= va.max(vb));
+                    before = value;
+                }
+            }
+            for (i, triple) in keys.windows(3).enumerate() {
+                let x = triple[1].0;
+                if triple[0].0 < x && x < triple[2].0 {
+                    let h = 1e-7;
+                    let (left, right) =
+                        (profile.at(x) - profile.at(x - h), profile.at(x + h) - profile.at(x));
+                    // Second derivatives are at most some 6 / 0.01^2 here: times h, and rounding over h.
+                    assert!((left - right).abs() / h < 0.1, "key {i}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn ranges_are_those_of_dense_samples() {
+        let mut random = Random(41);
+        for _ in 0..500 {
+            let profile = Profile::keyed(&random_keys(&mut random)).expect("valid");
+            let (a, b) = (random.unit(), random.unit());
+            let (x0, x1) = (a.min(b), a.max(b));
+            let (low, high) = profile.range(x0, x1);
+            let (mut min, mut max) = (f64::INFINITY, 0.0_f64);
+            for (piece, ends) in
+                [0.0].iter().chain(profile.knots()).zip(profile.knots().iter().chain(&[1.0])).enumerate()
+            {
+                let (from, to) = (ends.0.max(x0), ends.1.min(x1));
+                for k in 0..=200 {
+                    let x = from + (to - from) * f64::from(k) / 200.0;
+                    if from <= to {
+                        min = min.min(profile.at_in(piece, x));
+                        max = max.max(profile.at_in(piece, x));
+                    }
+                }
+            }
+            // Samples include every knot's two sides and both ends: equal to rounding.
+            assert!((min - low).abs() < 1e-15 && (max - high).abs() < 1e-15);
+        }
     }
 }
