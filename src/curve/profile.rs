@@ -55,6 +55,7 @@ pub enum ProfileError {
 /// at one x make a jump.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
+    keys: Vec<(f64, f64)>,
     knots: Vec<f64>,
     /// `knots.len() + 1` pieces: piece i ends at knot i.
     pieces: Vec<Piece>,
@@ -125,7 +126,12 @@ impl Profile {
             pieces.push(Piece::constant(last.0, 1.0, last.1));
         }
         let knots = pieces[1..].iter().map(|piece| piece.x0).collect();
-        Ok(Profile { knots, pieces })
+        Ok(Profile { keys: keys.to_vec(), knots, pieces })
+    }
+
+    /// The keys (x, value) it was made of.
+    pub fn keys(&self) -> &[(f64, f64)] {
+        &self.keys
     }
 
     /// The value at x, clamped to [0, 1]; at a jump the value after it.
