@@ -16,13 +16,12 @@
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
 
-//WIP pub mod cli;
+//CLI pub mod cli;
 pub mod curve;
 pub mod field;
-//WIP pub mod formats;
+pub mod formats;
 pub mod noise;
 pub mod num;
-//WIP pub mod reference;
+pub mod reference;
 pub mod scene;
 pub mod volume;
-#[allow(missing_docs, unused, unreachable_pub, reason="scratch")] pub mod scratch;

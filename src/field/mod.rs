@@ -115,5 +115,3 @@ impl Field {
         bounds
     }
 }
-impl Field { /// x
- pub fn span_count(&self)->Vec<usize>{ self.tubes.iter().flat_map(|t|t.spans.iter().map(|s|s.len())).collect() } }
