@@ -178,11 +178,11 @@ impl Axis {
         if let (true, Some(first), Some(last)) = (round, self.stretches.first(), self.stretches.last()) {
             let arm = p - first.piece.point(1.0 - first.piece.exit());
             if arm.dot(&first.entry.tangent) < 0.0 {
-                places.push(first.end(0.0, &first.entry, arm, true));
+                places.push(first.end(false, 0.0, arm, true));
             }
             let arm = p - last.piece.point(last.piece.exit());
             if arm.dot(&last.exit.tangent) > 0.0 {
-                places.push(last.end(self.length, &last.exit, arm, true));
+                places.push(last.end(true, self.length, arm, true));
             }
         }
         places
@@ -205,7 +205,7 @@ impl Axis {
         let along = arm.dot(&after.hinge) * after.hinge;
         let turned = along + t1.cross(&after.hinge) * (arm - along).norm();
         let arc = self.frame(before, before.piece.exit()).0;
-        places.push(before.end(arc, &before.exit, turned, false));
+        places.push(before.end(true, arc, turned, false));
     }
 
     fn place(&self, stretch: &Stretch, x: f64, p: &Vector3<f64>) -> Place {
@@ -221,11 +221,11 @@ impl Axis {
 }
 
 impl Stretch {
-    /// The place at an end of the stretch, at its exit unless the frame is its entry's.
-    fn end(&self, arc: f64, frame: &Frame, arm: Vector3<f64>, beyond: bool) -> Place {
+    /// The place where the curve enters or leaves the stretch.
+    fn end(&self, leaves: bool, arc: f64, arm: Vector3<f64>, beyond: bool) -> Place {
         let piece = &self.piece;
-        let x = if arc == 0.0 { 1.0 - piece.exit() } else { piece.exit() };
-        Place { segment: piece.segment, t: piece.t(x), arc, frame: *frame, arm, focal: 1.0, beyond }
+        let (x, frame) = if leaves { (piece.exit(), self.exit) } else { (1.0 - piece.exit(), self.entry) };
+        Place { segment: piece.segment, t: piece.t(x), arc, frame, arm, focal: 1.0, beyond }
     }
 }
 

@@ -9,7 +9,7 @@
 //! - feet: the roots of `(C - p) . C'` between the roots of its derivative, found by bisection alone, with no
 //!   starting point to be wrong;
 //! - arc length: Gauss-Legendre quadrature on panels halved until both halves agree with the whole;
-//! - rotation-minimising frame: its differential equation, reduced to one integral per panel;
+//! - rotation-minimising frame: its differential equation, by extrapolation of order 16;
 //! - cusps: the segment is cut there and the zero divided out of C', so that the tangent has no noise;
 //! - noise: the sum over eight corners with products of weights, at coordinates of twice double precision.
 //!

@@ -496,3 +496,60 @@ fn far_from_the_origin_the_pattern_is_the_same() {
         assert_close(far.density(moved), near.density(p), 150.0 * 2.4e-10, "density");
     }
 }
+
+/// Powers of four scale every intermediate result exactly, square roots too.
+#[test]
+fn scale_does_not_matter() {
+    let mut random = Random(9);
+    let points = [0; 4].map(|_| random.point(1.0));
+    let at = |scale: f64| {
+        let [a, b, c, d] = points.map(|p| p.map(|x| x * scale));
+        let mut tube = tube(vec![cubic(a, b, c, d)]);
+        tube.radius = Profile::constant(0.4 * scale).unwrap();
+        tube.caps = Caps::Round;
+        tube.layers = vec![layer(Op::Add, Pattern::Perlin(noise()), None, 1.0)];
+        reference(&tube, 0.0)
+    };
+    let plain = at(1.0);
+    let large = 4_611_686_018_427_387_904.0;
+    for scale in [1.0 / large, large] {
+        let scaled = at(scale);
+        for _ in 0..100 {
+            let p = random.point(1.2);
+            assert_close(scaled.density(p.map(|x| x * scale)), plain.density(p), 1e-13, "scaled");
+        }
+    }
+}
+
+#[test]
+fn extreme_numbers_give_finite_densities() {
+    let mut random = Random(10);
+    let wild = Fbm { octaves: 32, lacunarity: 1e12, gain: 1.5, scroll: [1e9; 3], ..noise() };
+    let still = Fbm { frequency: [0.0; 3], octaves: 4, gain: 0.0, ..noise() };
+    for sharpness in [0.0, 1e-15, 1e-12, 1e-9, 1e-3] {
+        let cusp = cubic([0.0; 3], [1.0, 1.0, sharpness], [0.0, 1.0, 0.0], [1.0 + sharpness, 0.0, 0.0]);
+        let fold = quadratic([1.0, 0.0, 0.0], [4.0, sharpness, 0.0], [3.0, 0.0, 0.0]);
+        let mut tube = tube(vec![cusp, quadratic([1.0 + sharpness, 0.0, 0.0], [1.0; 3], [1.0; 3])]);
+        (tube.twist, tube.spin) = (1e4, 1e9);
+        tube.layers = vec![layer(Op::Multiply, Pattern::Perlin(wild.clone()), Some(-5.0), 1.0)];
+        tube.layers.push(layer(Op::Add, Pattern::Perlin(still.clone()), None, 1.0));
+        let mut folded = tube.clone();
+        folded.curve = Curve::new(vec![fold], FrameRule::RotationMinimising).unwrap();
+        folded.caps = Caps::Round;
+        for rule in [FrameRule::RotationMinimising, FrameRule::Frenet] {
+            (tube.frame, folded.frame) = (rule, rule);
+            let scene = scene(vec![tube.clone(), folded.clone()]);
+            for voxel in [None, Some(1e-3)] {
+                let reference = Reference::new(&scene, 1e9, voxel);
+                for _ in 0..50 {
+                    let density = reference.density(random.point(1.5));
+                    assert!(density.is_finite() && density >= 0.0, "{density}");
+                }
+                // On the axis, at the tips and at the ends, where products vanish.
+                for p in [[0.5, 0.75, 0.0], [0.0; 3], [1.0; 3], [3.25, 0.0, 0.0], [3.0, 0.0, 0.0]] {
+                    assert!(reference.density(p).is_finite());
+                }
+            }
+        }
+    }
+}

@@ -102,8 +102,12 @@ fn sources() -> Vec<(String, String)> {
     let sources: Vec<_> = found
         .iter()
         .map(|path| {
-            let parts: Vec<_> =
-                path.strip_prefix(&root).expect("below src").iter().map(|part| part.to_string_lossy()).collect();
+            let parts: Vec<_> = path
+                .strip_prefix(&root)
+                .expect("below src")
+                .iter()
+                .map(|part| part.to_string_lossy())
+                .collect();
             (parts.join("/"), fs::read_to_string(path).expect("readable text"))
         })
         // These name the modules, and belong to none.

@@ -1,3 +1,8 @@
-//! Everything that is tested from outside, linked once.
+//! What is tested from outside the library: the program, its files in other programs, the shape of the source.
+//! One binary, so that it is linked once.
 
+mod cli;
+mod consumers;
 mod layers;
+mod oracle;
+mod support;

@@ -1,0 +1,96 @@
+//! Other people's programs, as judges of our files. `scripts/test` installs them and says where they are.
+
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use vdb_rs::{VdbLevel, VdbReader};
+
+use crate::support::{Voxel, stderr, stdout};
+
+/// What a judge found in a file.
+pub(crate) struct Verdict {
+    /// What its script in `scripts/oracle` printed.
+    pub(crate) report: Value,
+    /// Active voxels of the grid `density`, tiles expanded, sorted by index.
+    pub(crate) voxels: Vec<Voxel>,
+}
+
+/// OpenVDB's own library, by way of its Python module.
+pub(crate) fn openvdb(file: &Path) -> Result<Verdict, String> {
+    let mut command = judge("VDBAKE_OPENVDB_PYTHON");
+    verdict(script(&mut command, "openvdb_dump.py"), file)
+}
+
+/// Blender, and the OpenVDB that it carries. `samples` of the report holds its values at `points` of the world.
+pub(crate) fn blender(file: &Path, points: &[[f64; 3]]) -> Result<Verdict, String> {
+    let list = file.with_extension("points.json");
+    fs::write(&list, serde_json::to_string(points).expect("finite numbers")).expect("a writable folder");
+    let mut command = judge("VDBAKE_BPY_PYTHON");
+    verdict(script(&mut command, "blender_check.py").arg("--points").arg(list), file)
+}
+
+/// What OpenVDB's own tool prints of a file, having read all of it.
+pub(crate) fn vdb_print(file: &Path) -> Result<String, String> {
+    let text = stdout(&run(judge("VDBAKE_VDB_PRINT").arg("-l").arg(file))?);
+    // It exits with 0 whatever happens.
+    if text.contains("ERROR") { Err(text) } else { Ok(text) }
+}
+
+/// The voxels that `vdb-rs` finds, sorted by index.
+pub(crate) fn vdb_rs(file: &Path) -> Vec<Voxel> {
+    let file = BufReader::new(File::open(file).expect("a readable file"));
+    let grid =
+        VdbReader::new(file).and_then(|mut reader| reader.read_grid::<f32>("density")).expect("a grid");
+    let mut voxels = Vec::new();
+    for (corner, value, level) in grid.iter() {
+        let edge = match level {
+            VdbLevel::Voxel => 1,
+            VdbLevel::Node3 => 8,
+            VdbLevel::Node4 => 128,
+        };
+        let corner = corner.as_ivec3().to_array();
+        voxels.extend(indices(edge).map(|at| ([0, 1, 2].map(|axis| corner[axis] + at[axis]), value)));
+    }
+    voxels.sort_by_key(|voxel| voxel.0);
+    voxels
+}
+
+/// The indices in a cube at the origin.
+fn indices(edge: i32) -> impl Iterator<Item = [i32; 3]> {
+    (0..edge).flat_map(move |x| (0..edge).flat_map(move |y| (0..edge).map(move |z| [x, y, z])))
+}
+
+fn judge(variable: &str) -> Command {
+    let program = std::env::var_os(variable)
+        .unwrap_or_else(|| panic!("{variable} is not set: run scripts/test, which installs the oracles"));
+    Command::new(program)
+}
+
+fn script<'a>(python: &'a mut Command, name: &str) -> &'a mut Command {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/oracle").join(name);
+    python.env("PYTHONDONTWRITEBYTECODE", "1").arg(path)
+}
+
+fn run(command: &mut Command) -> Result<Output, String> {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    if output.status.success() { Ok(output) } else { Err(stderr(&output)) }
+}
+
+fn verdict(command: &mut Command, file: &Path) -> Result<Verdict, String> {
+    let values = file.with_extension("values");
+    let output = run(command.arg(file).arg("--values").arg(&values))?;
+    let report =
+        serde_json::from_slice(&output.stdout).map_err(|error| format!("{error}: {}", stdout(&output)))?;
+    let bytes = fs::read(values).expect("the values that the script wrote");
+    let (records, rest) = bytes.as_chunks::<16>();
+    assert!(rest.is_empty());
+    let voxels = records.iter().map(|record| voxel(record.as_chunks::<4>().0)).collect();
+    Ok(Verdict { report, voxels })
+}
+
+fn voxel(words: &[[u8; 4]]) -> Voxel {
+    ([0, 1, 2].map(|axis| i32::from_le_bytes(words[axis])), f32::from_le_bytes(words[3]))
+}

@@ -1,0 +1,116 @@
+//! Running the program, and what its files should hold.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use vdbake::field::{Field, Lattice};
+use vdbake::num::Level;
+use vdbake::scene::Scene;
+use vdbake::volume::{self, Plan, Store};
+
+/// Index and value of a voxel.
+pub(crate) type Voxel = ([i32; 3], f32);
+
+/// Voxels along the longest side in these tests: several leaves along every axis of every scene.
+pub(crate) const RESOLUTION: &str = "64";
+
+/// Every form in which values are stored.
+pub(crate) const COMPRESSIONS: [&str; 3] = ["blosc", "zip", "none"];
+
+/// A straight solid tube: whole bricks inside it have one value, so they are stored as tiles.
+pub(crate) const SOLID: &str = r#"
+name = "solid"
+[[tube]]
+curve = { kind = "quadratic", points = [[0, 0, -1], [0, 0, 0], [0, 0, 1]] }
+radius = 1
+caps = "flat"
+envelope = { radial = "hard" }
+"#;
+
+/// A baked file.
+pub(crate) struct Baked {
+    pub(crate) path: PathBuf,
+    /// What the program said of it.
+    pub(crate) report: Value,
+    pub(crate) voxel_size: f64,
+}
+
+pub(crate) fn vdbake() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_vdbake"))
+}
+
+/// The scenes that come with the project.
+pub(crate) fn scenes() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let mut scenes: Vec<_> = fs::read_dir(folder)
+        .expect("the folder of scenes")
+        .map(|entry| entry.expect("a readable entry").path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .collect();
+    scenes.sort();
+    assert!(!scenes.is_empty());
+    scenes
+}
+
+/// Those, and the solid tube, which is written to `folder`.
+pub(crate) fn scenes_with_tiles(folder: &Path) -> Vec<PathBuf> {
+    let mut scenes = scenes();
+    scenes.push(write(&folder.join("solid.toml"), SOLID));
+    scenes
+}
+
+pub(crate) fn write(path: &Path, text: &str) -> PathBuf {
+    fs::write(path, text).expect("a writable folder");
+    path.to_owned()
+}
+
+/// Bakes a scene to a file in `folder`.
+pub(crate) fn bake(scene: &Path, folder: &Path, options: &[&str]) -> Baked {
+    let path = folder.join("baked.vdb");
+    let output = vdbake()
+        .arg("bake")
+        .arg(scene)
+        .arg("-o")
+        .arg(&path)
+        .args(["--json", "--quiet", "--resolution", RESOLUTION])
+        .args(options)
+        .output()
+        .expect("the program starts");
+    assert!(output.status.success(), "{}: {}", scene.display(), stderr(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object on stdout");
+    let voxel_size = report["voxel_size"].as_f64().expect("voxel_size is a number");
+    Baked { path, report, voxel_size }
+}
+
+/// The active voxels that the library finds in a scene, sorted by index.
+pub(crate) fn evaluated(scene: &Path, voxel_size: f64) -> Vec<Voxel> {
+    let text = fs::read_to_string(scene).expect("a readable scene");
+    let scene = Scene::parse(&text, &scene.to_string_lossy()).expect("a valid scene");
+    let field = Field::compile(&scene, 0.0);
+    let plan = Plan::new(&field, Lattice { voxel_size }, 1 << 30).expect("a small bake");
+    let mut store = Store::default();
+    volume::bake(&field, &plan, scene.bake().cutoff, Level::best(), &mut store, |_| ())
+        .expect("memory takes every brick");
+    let mut voxels: Vec<_> = store.active().collect();
+    voxels.sort_by_key(|voxel| voxel.0);
+    assert!(!voxels.is_empty());
+    voxels
+}
+
+/// That two lists of voxels are equal to the bit.
+pub(crate) fn assert_same(found: &[Voxel], expected: &[Voxel], context: &str) {
+    for (found, expected) in found.iter().zip(expected) {
+        assert_eq!((found.0, found.1.to_bits()), (expected.0, expected.1.to_bits()), "{context}");
+    }
+    assert_eq!(found.len(), expected.len(), "{context}");
+}
+
+pub(crate) fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+pub(crate) fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
