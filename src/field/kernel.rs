@@ -59,8 +59,16 @@ impl<T: Scalar> Default for Scratch<T> {
     }
 }
 
-/// Writes the density at the centres of the block's voxels, z fastest, and returns how many lanes entered the search for
-/// feet.
+/// How many voxels, counted once for every piece, went how far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Entered the search for feet.
+    pub searched: u64,
+    /// Have a foot and lie inside the tube.
+    pub inside: u64,
+}
+
+/// Writes the density at the centres of the block's voxels, z fastest.
 ///
 /// Every value is at least 0; it is exactly 0 outside all tubes.
 #[inline(always)]
@@ -69,7 +77,8 @@ pub fn evaluate<R: Real>(
     region: &Region<R::Scalar>,
     scratch: &mut Scratch<R::Scalar>,
     values: &mut [R::Scalar; VOXELS],
-) -> u64 {
+) -> Counts {
+    let mut counts = Counts::default();
     let zero = R::Scalar::default();
     for value in values.iter_mut() {
         *value = zero;
@@ -90,8 +99,10 @@ pub fn evaluate<R: Real>(
             }
         };
         layers::<R>(token, region, piece, scratch, packed, values);
+        counts.searched += VOXELS as u64;
+        counts.inside += packed as u64;
     }
-    (region.pieces.len() * VOXELS) as u64
+    counts
 }
 
 /// The rows of a piece's table along the block's batches of lanes: whole rows of z, one or two at a time.

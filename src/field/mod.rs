@@ -15,11 +15,12 @@
 //! ```
 //!
 //! The foot counts where q <= 1. Where the radius is below 1e-6 of the tube's largest there is no tube. Beyond an end of
-//! the curve a foot exists only with round caps: there p's nearest point is the end E with its tangent T, U, V and r; u
-//! and v are as above with C = E, and `w = (p - E) . T / r`. At a corner, where two segments meet with different
-//! tangents T1 and T2, the points beyond the end of the first and before the start of the second have the corner E as
-//! their foot: p - E is turned about `T1 x T2` into the plane normal to T1 and u and v are taken there (so w = 0, and
-//! the coordinates are continuous on both sides; the frame of the second segment is the first's turned from T1 to T2).
+//! the curve a foot exists only with round caps: every point beyond the plane normal to the curve there has the end E as
+//! a foot, with its tangent T, U, V and r; u and v are as above with C = E, and `w = (p - E) . T / r`. At a corner, where
+//! the tangent changes from T1 to T2 at a joint or in a cusp, the points beyond the plane of T1 and before that of T2
+//! have the corner E as a foot: p - E is turned about `T1 x T2` into the plane normal to T1, and u and v are taken there
+//! with the first side's frame, so w = 0. A rotation-minimising frame is turned likewise, which makes the coordinates
+//! continuous on both sides. (Where the tangent reverses, the axis of that turn is the frame's U.)
 //!
 //! ```text
 //! contribution = focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)
@@ -27,7 +28,7 @@
 //! ```
 //!
 //! - `1 - kappa rho cos = ((C - p) . C'' + |C'|^2) / |C'|^2` is 1 on the axis and 0 where feet meet and vanish;
-//!   `focal(x) = smoothstep(0, 0.2, x)` removes the jump there (1 at ends and corners).
+//!   `focal(x) = smoothstep(0, 0.2, x)` removes the jump there. At ends and corners it is 1.
 //! - `radial(x)`: smooth `(1 - x^2)^2`, linear `1 - x`, hard 1, edge(w) `1 - smoothstep(1 - w, 1, x)`.
 //! - `axial(x)` with faded caps over the fraction f: `smoothstep(0, f, x) * smoothstep(0, f, 1 - x)`; else 1.
 //! - `layers`: from the value 1, each layer in order joins `multiplier * pattern`, or with a threshold

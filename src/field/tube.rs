@@ -11,6 +11,8 @@ use crate::scene::{self, Caps, Op, Pattern, Radial};
 
 /// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
 const CORNER: f64 = 1e-7;
+/// Where the tangents of a cusp are taken, in t.
+const ASIDE: f64 = 1e-9;
 /// Octaves with more cells than this across the tube are left out: single precision cannot place a voxel in them.
 const FINEST: f64 = 4_194_304.0;
 
@@ -178,6 +180,15 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
             let section = axis.section(joint, 1.0);
             let next = axis.section(joint + 1, 0.0).tangent;
             points.push(Point { section, kind: PointKind::Corner(next) });
+        }
+    }
+    for segment in 0..=last {
+        for &t in axis.curve.breaks(segment) {
+            // Cusps and folds; elsewhere the frame breaks and the tangent does not.
+            let (section, next) = (axis.section(segment, t - ASIDE), axis.section(segment, t + ASIDE).tangent);
+            if section.tangent.dot(next) < 0.0 {
+                points.push(Point { section, kind: PointKind::Corner(next) });
+            }
         }
     }
     points.retain(|point| point.section.radius > least);

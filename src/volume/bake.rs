@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use super::{Brick, Plan, Sink};
-use crate::field::kernel::{Scratch, evaluate};
+use crate::field::kernel::{Counts, Scratch, evaluate};
 use crate::field::{Field, Region, VOXELS};
 use crate::num::{Level, Real, WithLevel, with_level};
 
@@ -34,6 +34,8 @@ pub struct Tally {
     pub active_voxels: u64,
     /// Lanes that entered the search for feet.
     pub searched_voxels: u64,
+    /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
+    pub inside_voxels: u64,
     /// SHA-256 over all active bricks in file order: see [`bake`].
     pub content_hash: [u8; 32],
 }
@@ -71,7 +73,8 @@ pub fn bake<S: Sink>(
         for done in runs {
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
-            tally.searched_voxels += done.searched;
+            tally.searched_voxels += done.counts.searched;
+            tally.inside_voxels += done.counts.inside;
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
             for digest in &done.digests {
@@ -97,7 +100,7 @@ struct Done<Run> {
     run: Run,
     digests: Vec<[u8; 32]>,
     active: u64,
-    searched: u64,
+    counts: Counts,
     evaluate: f64,
     encode: f64,
 }
@@ -125,21 +128,27 @@ impl Worker {
             run: S::Run::default(),
             digests: Vec::new(),
             active: 0,
-            searched: 0,
+            counts: Counts::default(),
             evaluate: 0.0,
             encode: 0.0,
         };
         let started = ThreadTime::now();
         self.bricks.clear();
         for index in bricks {
-            let block = plan.bricks[index].block;
-            let candidates = plan.candidates(index);
-            field.narrow(plan.lattice(), &plan.cover, candidates, block.map(i64::from), &mut self.region);
+            field.narrow(
+                plan.lattice(),
+                plan.cover(),
+                plan.candidates(index),
+                plan.block(index),
+                &mut self.region,
+            );
             if self.region.is_empty() {
                 continue;
             }
-            let mut brick = Brick { origin: block.map(|b| b * 8), mask: [0; 8], values: [0.0; VOXELS] };
-            done.searched += evaluate_block(level, &self.region, &mut self.scratch, &mut brick.values);
+            let mut brick = Brick { origin: plan.origin(index), mask: [0; 8], values: [0.0; VOXELS] };
+            let counts = evaluate_block(level, &self.region, &mut self.scratch, &mut brick.values);
+            done.counts.searched += counts.searched;
+            done.counts.inside += counts.inside;
             brick.activate(cutoff);
             let active = brick.active();
             if active > 0 {
@@ -181,7 +190,7 @@ fn evaluate_block(
     region: &Region<f32>,
     scratch: &mut Scratch<f32>,
     values: &mut [f32; VOXELS],
-) -> u64 {
+) -> Counts {
     with_level(level, Evaluate { region, scratch, values })
 }
 
@@ -192,9 +201,9 @@ struct Evaluate<'a> {
 }
 
 impl WithLevel for Evaluate<'_> {
-    type Output = u64;
+    type Output = Counts;
     #[inline(always)]
-    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> u64 {
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Counts {
         evaluate::<R>(token, self.region, self.scratch, self.values)
     }
 }

@@ -7,9 +7,9 @@ use crate::field::{Candidate, Capsule, Field, Lattice};
 
 /// A brick that can hold density.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Planned {
+struct Planned {
     /// Its coordinates in bricks.
-    pub(super) block: [i32; 3],
+    block: [i32; 3],
     /// Its first candidate in `Plan::candidates`.
     first: u32,
 }
@@ -21,8 +21,8 @@ pub(super) struct Planned {
 #[derive(Debug, Clone)]
 pub struct Plan {
     lattice: Lattice,
-    pub(super) cover: Vec<Capsule>,
-    pub(super) bricks: Vec<Planned>,
+    cover: Vec<Capsule>,
+    bricks: Vec<Planned>,
     candidates: Vec<Candidate>,
 }
 
@@ -113,13 +113,23 @@ impl Plan {
         self.bricks.len()
     }
 
-    /// Index of the first voxel of each candidate brick, in file order.
-    pub fn origins(&self) -> impl Iterator<Item = [i32; 3]> {
-        self.bricks.iter().map(|brick| brick.block.map(|b| b * 8))
+    /// Index of the first voxel of candidate brick `index`, in file order.
+    pub fn origin(&self, index: usize) -> [i32; 3] {
+        self.bricks[index].block.map(|b| b * 8)
     }
 
-    /// The pieces of axes that reach brick `index`.
-    pub(super) fn candidates(&self, index: usize) -> &[Candidate] {
+    /// The field's cover that the candidates count in.
+    pub fn cover(&self) -> &[Capsule] {
+        &self.cover
+    }
+
+    /// Coordinates of brick `index`, in bricks.
+    pub fn block(&self, index: usize) -> [i64; 3] {
+        self.bricks[index].block.map(i64::from)
+    }
+
+    /// The pieces of axes that reach brick `index`, as [`Field::narrow`] wants them.
+    pub fn candidates(&self, index: usize) -> &[Candidate] {
         let first = self.bricks[index].first as usize;
         let end = self.bricks.get(index + 1).map_or(self.candidates.len(), |next| next.first as usize);
         &self.candidates[first..end]

@@ -3,6 +3,7 @@
 
 mod cli;
 mod consumers;
+mod kernel;
 mod layers;
 mod oracle;
 mod support;
