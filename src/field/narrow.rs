@@ -333,7 +333,7 @@ impl Field {
 const SURE: f64 = 1e-4;
 
 /// First-octave cells per voxel.
-struct Rates {
+pub(super) struct Rates {
     /// Across the tube, at a radius of one voxel.
     across: f64,
     /// Along it.
@@ -343,7 +343,7 @@ struct Rates {
 }
 
 impl Rates {
-    fn new(tube: &Tube, fractal: &tube::Fractal, h: f64) -> Rates {
+    pub(super) fn new(tube: &Tube, fractal: &tube::Fractal, h: f64) -> Rates {
         Rates {
             across: fractal.rate[0],
             along: fractal.rate[1] * tube.height_rate() * h,
@@ -352,7 +352,7 @@ impl Rates {
     }
 
     /// Bounds of log2 of cells per voxel over the arc lengths `s`.
-    fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
+    pub(super) fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
         let x = s.map(|s| s / tube.curve.length());
         let (least, most) = tube.profile.range(x[0], x[1]);
         let low = (self.across * h / most).max(self.along);

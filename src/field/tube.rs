@@ -18,6 +18,7 @@ const FINEST: f64 = 4_194_304.0;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Tube {
+    pub(crate) name: String,
     pub(crate) curve: Curve,
     pub(crate) profile: Profile,
     /// Spans of each segment.
@@ -69,6 +70,8 @@ pub(crate) struct Fractal {
     /// Cells per unit of u and v (the larger), and of l, in the first octave.
     pub(crate) rate: [f64; 2],
     pub(crate) log2_lacunarity: f64,
+    /// Octaves of the scene that are never evaluated.
+    pub(crate) skipped: u32,
 }
 
 #[derive(Debug, Clone)]
@@ -90,6 +93,7 @@ impl Tube {
         let breaks = breaks(&tube.curve, &tube.radius);
         let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
         Tube {
+            name: tube.name.clone(),
             curve: tube.curve.clone(),
             profile: tube.radius.clone(),
             spans,
@@ -206,12 +210,14 @@ fn compile_layer(layer: &scene::Layer, time: f64) -> Layer {
 
 fn compile_fractal(fbm: &scene::Fbm, time: f64) -> Fractal {
     let mut octaves = Vec::new();
+    let mut skipped = fbm.octaves;
     let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
     for index in 0..fbm.octaves {
         let frequency = fbm.frequency.map(|f| f * scale);
         let offset = octave_offset(fbm.seed, index);
         let origin = [0, 1, 2].map(|i| offset[i] - fbm.scroll[i] * scale * time);
         if amplitude > 0.0 && frequency[0].max(frequency[1]) <= FINEST {
+            skipped -= 1;
             octaves.push(Octave { index, frequency, origin, seed: octave_seed(fbm.seed, index), amplitude });
         }
         total += amplitude;
@@ -227,5 +233,6 @@ fn compile_fractal(fbm: &scene::Fbm, time: f64) -> Fractal {
         octaves,
         rate: [fbm.frequency[0].max(fbm.frequency[1]), fbm.frequency[2]],
         log2_lacunarity: libm::log2(fbm.lacunarity),
+        skipped,
     }
 }

@@ -374,3 +374,45 @@ impl Real for f64 {
         if (bits << SHIFT) & 0x8000_0000 != 0 { -self } else { self }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Logarithm<'a>(&'a [f32; 16]);
+
+    impl WithLevel for Logarithm<'_> {
+        type Output = [f32; 16];
+        #[inline(always)]
+        fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> [f32; 16] {
+            let mut out = [0.0; 16];
+            R::load(token, self.0).log2().store(&mut out);
+            out
+        }
+    }
+
+    #[test]
+    fn lane_logarithms_keep_their_bound() {
+        let mut x = 1e-30_f32;
+        while x < 1e30 {
+            let mut lanes = [0.0; 16];
+            for lane in &mut lanes {
+                *lane = x;
+                x *= 1.0137;
+            }
+            for (&x, found) in lanes.iter().zip(with_level(Level::best(), Logarithm(&lanes))) {
+                let truth = libm::log2(f64::from(x));
+                // The bound, and the rounding of a result of this size.
+                let bound = 1e-6 + truth.abs() * f64::from(f32::EPSILON) / 2.0;
+                assert!((f64::from(found) - truth).abs() < bound, "log2 {x}: {found}, not {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn selections_treat_not_a_number_as_stated() {
+        assert_eq!(f64::NAN.within(-1.0, 1.0), -1.0);
+        assert_eq!(3.0.within(-1.0, 1.0), 1.0);
+        assert_eq!(0.25.within(-1.0, 1.0), 0.25);
+    }
+}

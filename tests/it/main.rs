@@ -5,5 +5,6 @@ mod cli;
 mod consumers;
 mod kernel;
 mod layers;
+mod noise;
 mod oracle;
 mod support;
