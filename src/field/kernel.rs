@@ -35,10 +35,12 @@ pub struct Scratch<T> {
     v: Vec<T>,
     height: Vec<T>,
     weight: Vec<T>,
-    index: Vec<T>,
+    /// Voxels inside, a word for each batch of lanes.
+    inside: Vec<u32>,
     /// Radius and squared distance to the axis over it: only where octaves fade.
     radius: Vec<T>,
     q: Vec<T>,
+    /// 0, 1, ... 15.
     numbers: Vec<T>,
 }
 
@@ -51,10 +53,10 @@ impl<T: Scalar> Default for Scratch<T> {
             v: room(),
             height: room(),
             weight: room(),
-            index: room(),
+            inside: vec![0; VOXELS],
             radius: room(),
             q: room(),
-            numbers: (0..512_u16).map(|i| T::from_f64(f64::from(i))).collect(),
+            numbers: (0..16_u8).map(|i| T::from_f64(f64::from(i))).collect(),
         }
     }
 }
@@ -98,7 +100,8 @@ pub fn evaluate<R: Real>(
                 coordinates::<R>(token, piece, scratch)
             }
         };
-        layers::<R>(token, region, piece, scratch, packed, values);
+        layers::<R>(token, region, piece, scratch, packed);
+        join::<R>(token, scratch, values);
         counts.searched += VOXELS as u64;
         counts.inside += packed as u64;
     }
@@ -282,6 +285,7 @@ fn coordinates<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut
     for index in (0..VOXELS).step_by(R::LANES) {
         let eta = R::load(token, &scratch.eta[index..]);
         let in_range = R::and(lo.le(eta), eta.le(hi));
+        scratch.inside[index / R::LANES] = 0;
         if R::bitmask(in_range) == 0 {
             continue;
         }
@@ -290,8 +294,9 @@ fn coordinates<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut
         let v = across(token, &rows, V, eta);
         let q = u * u + v * v;
         let inside = R::and(in_range, q.le(one));
-        let count = R::bitmask(inside).count_ones() as usize;
-        if count == 0 {
+        let bits = R::bitmask(inside);
+        scratch.inside[index / R::LANES] = bits;
+        if bits == 0 {
             continue;
         }
         let height = along(token, &piece.height, eta);
@@ -303,8 +308,8 @@ fn coordinates<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut
             along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
         }
-        pack(token, scratch, index, packed, inside, [u, v, height, weight]);
-        packed += count;
+        pack(scratch, packed, inside, [u, v, height, weight]);
+        packed += bits.count_ones() as usize;
     }
     packed
 }
@@ -335,8 +340,9 @@ fn at_point<R: Real>(
             let across = R::select(v.lt(zero), -length, length);
             (u, v) = (turn[0] * u + turn[1] * across, turn[2] * u + turn[3] * across);
         }
-        let count = R::bitmask(inside).count_ones() as usize;
-        if count == 0 {
+        let bits = R::bitmask(inside);
+        scratch.inside[index / R::LANES] = bits;
+        if bits == 0 {
             continue;
         }
         let weight = envelope(token, piece, q, zero);
@@ -344,28 +350,18 @@ fn at_point<R: Real>(
             radius.store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
         }
-        pack(token, scratch, index, packed, inside, [u, v, zero, weight]);
-        packed += count;
+        pack(scratch, packed, inside, [u, v, zero, weight]);
+        packed += bits.count_ones() as usize;
     }
     packed
 }
 
 #[inline(always)]
-#[allow(clippy::cast_precision_loss, reason = "indices below 512")]
-fn pack<R: Real>(
-    token: R::Token,
-    scratch: &mut Scratch<R::Scalar>,
-    index: usize,
-    packed: usize,
-    inside: R::Mask,
-    lanes: [R; 4],
-) {
+fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, lanes: [R; 4]) {
     lanes[0].compress(inside).store(&mut scratch.u[packed..]);
     lanes[1].compress(inside).store(&mut scratch.v[packed..]);
     lanes[2].compress(inside).store(&mut scratch.height[packed..]);
     lanes[3].compress(inside).store(&mut scratch.weight[packed..]);
-    let number = R::load(token, &scratch.numbers) + R::constant(token, index as f64);
-    number.compress(inside).store(&mut scratch.index[packed..]);
 }
 
 /// `sum_k row[first + k] eta^k`.
@@ -419,7 +415,7 @@ fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R, height: R)
     weight
 }
 
-/// The layers over the packed voxels; joins the densities into the block's values.
+/// The density of the packed voxels: envelope times layers. It takes the place of the weights.
 #[inline(always)]
 fn layers<R: Real>(
     token: R::Token,
@@ -427,7 +423,6 @@ fn layers<R: Real>(
     piece: &Piece<R::Scalar>,
     scratch: &mut Scratch<R::Scalar>,
     packed: usize,
-    values: &mut [R::Scalar; VOXELS],
 ) {
     let mut first = 0;
     while first < packed {
@@ -472,17 +467,23 @@ fn layers<R: Real>(
             };
         }
         let weight = R::load(token, &scratch.weight[first..]);
-        (value * weight).store(&mut scratch.eta);
-        let count = R::LANES.min(packed - first);
-        for lane in 0..count {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers below 512")]
-            let index = scratch.index[first + lane].to_f64() as usize;
-            let density = scratch.eta[lane];
-            if values[index] < density {
-                values[index] = density;
-            }
-        }
+        (value * weight).store(&mut scratch.weight[first..]);
         first += R::LANES;
+    }
+}
+
+/// Unpacks the densities and keeps the larger of them and what the block holds.
+#[inline(always)]
+fn join<R: Real>(token: R::Token, scratch: &Scratch<R::Scalar>, values: &mut [R::Scalar; VOXELS]) {
+    let mut first = 0;
+    for index in (0..VOXELS).step_by(R::LANES) {
+        let bits = scratch.inside[index / R::LANES];
+        if bits != 0 {
+            let density = R::load(token, &scratch.weight[first..]).expand(R::from_bitmask(token, bits));
+            let held = R::load(token, &values[index..]);
+            density.most(held).store(&mut values[index..]);
+            first += bits.count_ones() as usize;
+        }
     }
 }
 

@@ -113,6 +113,9 @@ pub trait Real:
     /// The lanes of `mask` moved to the front, in order; what follows them is unspecified.
     fn compress(self, mask: Self::Mask) -> Self;
 
+    /// The opposite of [`Real::compress`]: the first lanes, in order, moved to where `mask` is set; 0 elsewhere.
+    fn expand(self, mask: Self::Mask) -> Self;
+
     /// Largest whole number not above each lane.
     fn floor(self) -> Self;
     /// Correctly rounded square root.
@@ -135,6 +138,8 @@ pub trait Real:
     fn not(a: Self::Mask) -> Self::Mask;
     /// Lane i as bit i.
     fn bitmask(mask: Self::Mask) -> u32;
+    /// Bit i as lane i.
+    fn from_bitmask(token: Self::Token, bits: u32) -> Self::Mask;
 
     /// A floored value, magnitude below 2^31, as a two's complement integer.
     fn lattice(self) -> Self::Bits;
@@ -194,6 +199,10 @@ impl<S: Simd> Real for f32x16<S> {
         <Self as SimdBase<S>>::compress(self, mask)
     }
     #[inline(always)]
+    fn expand(self, mask: Self::Mask) -> Self {
+        <Self as SimdBase<S>>::expand(self, mask)
+    }
+    #[inline(always)]
     fn floor(self) -> Self {
         <Self as SimdFloat<S>>::floor(self)
     }
@@ -242,6 +251,10 @@ impl<S: Simd> Real for f32x16<S> {
     #[allow(clippy::cast_possible_truncation, reason = "sixteen lanes fill sixteen bits")]
     fn bitmask(mask: Self::Mask) -> u32 {
         mask.to_bitmask() as u32
+    }
+    #[inline(always)]
+    fn from_bitmask(token: S, bits: u32) -> Self::Mask {
+        mask32x16::from_bitmask(token, u64::from(bits))
     }
     #[inline(always)]
     fn lattice(self) -> Self::Bits {
@@ -301,6 +314,10 @@ impl Real for f64 {
         self
     }
     #[inline(always)]
+    fn expand(self, mask: bool) -> f64 {
+        if mask { self } else { 0.0 }
+    }
+    #[inline(always)]
     fn floor(self) -> f64 {
         f64::floor(self)
     }
@@ -339,6 +356,10 @@ impl Real for f64 {
     #[inline(always)]
     fn bitmask(mask: bool) -> u32 {
         u32::from(mask)
+    }
+    #[inline(always)]
+    fn from_bitmask((): (), bits: u32) -> bool {
+        bits & 1 == 1
     }
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the lattice is taken modulo 2^32")]

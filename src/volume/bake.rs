@@ -146,10 +146,9 @@ impl Worker {
                 continue;
             }
             let mut brick = Brick { origin: plan.origin(index), mask: [0; 8], values: [0.0; VOXELS] };
-            let counts = evaluate_block(level, &self.region, &mut self.scratch, &mut brick.values);
+            let counts = evaluate_brick(level, &self.region, &mut self.scratch, cutoff, &mut brick);
             done.counts.searched += counts.searched;
             done.counts.inside += counts.inside;
-            brick.activate(cutoff);
             let active = brick.active();
             if active > 0 {
                 done.active += u64::from(active);
@@ -185,25 +184,44 @@ fn digest(brick: &Brick) -> [u8; 32] {
 /// The one place where the instruction set is chosen. Not generic and not inlined, so that the kernel is compiled once
 /// for each instruction set and not for each sink.
 #[inline(never)]
-fn evaluate_block(
+fn evaluate_brick(
     level: Level,
     region: &Region<f32>,
     scratch: &mut Scratch<f32>,
-    values: &mut [f32; VOXELS],
+    cutoff: f32,
+    brick: &mut Brick,
 ) -> Counts {
-    with_level(level, Evaluate { region, scratch, values })
+    with_level(level, Evaluate { region, scratch, cutoff, brick })
 }
 
 struct Evaluate<'a> {
     region: &'a Region<f32>,
     scratch: &'a mut Scratch<f32>,
-    values: &'a mut [f32; VOXELS],
+    cutoff: f32,
+    brick: &'a mut Brick,
 }
 
 impl WithLevel for Evaluate<'_> {
     type Output = Counts;
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Counts {
-        evaluate::<R>(token, self.region, self.scratch, self.values)
+        let counts = evaluate::<R>(token, self.region, self.scratch, &mut self.brick.values);
+        activate::<R>(token, self.cutoff, self.brick);
+        counts
+    }
+}
+
+/// Marks voxels above `cutoff` active and sets the others to 0.
+#[inline(always)]
+fn activate<R: Real<Scalar = f32>>(token: R::Token, cutoff: f32, brick: &mut Brick) {
+    let (cutoff, zero) = (R::splat(token, cutoff), R::splat(token, 0.0));
+    for (word, values) in brick.mask.iter_mut().zip(brick.values.chunks_exact_mut(64)) {
+        *word = 0;
+        for first in (0..64).step_by(R::LANES) {
+            let value = R::load(token, &values[first..]);
+            let active = cutoff.lt(value);
+            *word |= u64::from(R::bitmask(active)) << first;
+            R::select(active, value, zero).store(&mut values[first..]);
+        }
     }
 }

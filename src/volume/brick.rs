@@ -26,18 +26,6 @@ impl Brick {
         let all = self.mask.iter().all(|&word| word == u64::MAX);
         (all && self.values.iter().all(|value| value.to_bits() == first.to_bits())).then_some(first)
     }
-
-    /// Marks voxels above `cutoff` active and sets the others to 0.
-    pub(super) fn activate(&mut self, cutoff: f32) {
-        for (word, values) in self.mask.iter_mut().zip(self.values.chunks_exact_mut(64)) {
-            *word = 0;
-            for (bit, value) in values.iter_mut().enumerate() {
-                let active = *value > cutoff;
-                *word |= u64::from(active) << bit;
-                *value = if active { *value } else { 0.0 };
-            }
-        }
-    }
 }
 
 /// Where bricks go: a file being written, or memory.
