@@ -263,6 +263,10 @@ fn bracket<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scr
         let (at_lo, _) = equation.at::<true>(ends[0]);
         let (at_hi, _) = equation.at::<true>(ends[1]);
         let changes = R::and(at_lo.le(zero), zero.le(at_hi));
+        if R::bitmask(changes) == 0 {
+            no_foot.store(&mut scratch.eta[index..]);
+            continue;
+        }
         let [mut lo, mut hi] = ends;
         for _ in 0..HALVINGS {
             let middle = (lo + hi) * half;
