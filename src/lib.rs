@@ -16,7 +16,7 @@
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
 
-//CLI pub mod cli;
+pub mod cli;
 pub mod curve;
 pub mod field;
 pub mod formats;

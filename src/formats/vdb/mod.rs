@@ -24,6 +24,7 @@ mod codec;
 mod file;
 mod header;
 mod meta;
+mod sink;
 mod topology;
 
 #[cfg(test)]

@@ -1,0 +1,256 @@
+//! `vdbake bake`: a scene into an OpenVDB file.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use cpu_time::ProcessTime;
+use serde::Serialize;
+
+use super::interrupt::{Interrupt, Stopped, Watched};
+use super::job::{self, Job, Options};
+use super::output::Output;
+use super::progress::Progress;
+use super::recipe::Recipe;
+use super::{Failure, Global, machine, text};
+use crate::formats::vdb::{self, FileHeader, GridHeader, VdbGridBuilder, VdbWriteError};
+use crate::num::Level;
+use crate::volume::{self, Phases, Plan, Tally};
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The scene to bake
+    scene: PathBuf,
+    /// Where to write, a name that ends in .vdb [default: the scene's name, in the current folder]
+    #[arg(short, long, value_name = "OUT")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    options: Options,
+}
+
+/// What a bake did, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Report {
+    output: String,
+    scene: String,
+    time: f64,
+    voxel_size: f64,
+    /// Corners of the box around the density, in metres.
+    bounds: Option<[[f64; 3]; 2]>,
+    compression: &'static str,
+    planned_bricks: u64,
+    searched_voxels: u64,
+    active_voxels: u64,
+    leaves: u64,
+    tiles: u64,
+    bytes: u64,
+    seconds: Times,
+    cpu_seconds: Times,
+    peak_rss_bytes: Option<u64>,
+    threads: usize,
+    simd: String,
+    /// Null: no density is compared with a cylinder at rest.
+    mass_ratio: Option<f64>,
+    left_out: Vec<String>,
+    content_sha256: String,
+    uuid: String,
+}
+
+/// Seconds of each phase: by the clock, or of all processors together.
+///
+/// Evaluation and encoding run at the same time; their time by the clock is shared out as their processor time is.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+struct Times {
+    plan: f64,
+    evaluate: f64,
+    encode: f64,
+    write: f64,
+    total: f64,
+}
+
+/// Bakes.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let clock = Clock::start();
+    check_name(arguments.output.as_deref())?;
+    let interrupt = Interrupt::listen()?;
+    let pool = global.pool()?;
+    let job = Job::new(&arguments.scene, &arguments.options)?;
+    let path = job::output_path(arguments.output.as_deref(), &job.scene);
+    let plan = pool.install(|| job.plan())?;
+    if plan.bricks() == 0 {
+        global.note("the scene holds no density; its grid is empty");
+    }
+    let planned = clock.read();
+
+    interrupt.hold();
+    let mut output = Output::create(&path)?;
+    let mut progress = Progress::new(plan.bricks(), global.quiet);
+    let (grid, tally, phases) = pool.install(|| evaluate(&job, &plan, &interrupt, &mut progress))?;
+    drop(progress);
+    let evaluated = clock.read();
+
+    let content = text::hexadecimal(&tally.content_hash);
+    let recipe = Recipe::new(job.scene.text(), &job.settings)
+        .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
+    let header = FileHeader { uuid: recipe.uuid(), metadata: recipe.metadata(&content) };
+    let bytes = write(&mut output, &job, &header, &grid, &interrupt)
+        .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))
+        .or_else(|failure| interrupt.check().and(Err(failure)))?;
+    interrupt.check()?;
+    output
+        .publish()
+        .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))?;
+    let written = clock.read();
+
+    let stats = grid.stats();
+    let [seconds, cpu_seconds] = times([planned, evaluated, written], phases);
+    let report = Report {
+        output: path.display().to_string(),
+        scene: job.scene.name().to_owned(),
+        time: job.settings.time,
+        voxel_size: job.lattice.voxel_size,
+        bounds: job.bounds,
+        compression: job.settings.compression,
+        planned_bricks: plan.bricks() as u64,
+        searched_voxels: tally.searched_voxels,
+        active_voxels: tally.active_voxels,
+        leaves: stats.leaves,
+        tiles: stats.tiles.iter().sum(),
+        bytes,
+        seconds,
+        cpu_seconds,
+        peak_rss_bytes: machine::peak_memory(),
+        threads: pool.current_num_threads(),
+        simd: Level::best().name(),
+        mass_ratio: None,
+        left_out: job.field.left_out(job.lattice),
+        content_sha256: content,
+        uuid: header.uuid.to_string(),
+    };
+    global.show(&report, |report| human(report, job.dimensions(), arguments.options.explain))
+}
+
+/// Evaluates and encodes all bricks.
+fn evaluate(
+    job: &Job,
+    plan: &Plan,
+    interrupt: &Interrupt,
+    progress: &mut Progress,
+) -> Result<(VdbGridBuilder, Tally, Phases), Failure> {
+    let mut sink = Watched { inner: VdbGridBuilder::new(job.compression), interrupt };
+    let cutoff = job.scene.bake().cutoff;
+    let advance = |bricks| progress.advance(bricks);
+    let (tally, phases) =
+        volume::bake(&job.field, plan, cutoff, Level::best(), &mut sink, advance).map_err(|stopped| {
+            match stopped {
+                Stopped::Interrupted => Failure::interrupted(),
+                Stopped::Sink(error) => Failure::failed("cannot encode the grid").because(error),
+            }
+        })?;
+    Ok((sink.inner, tally, phases))
+}
+
+/// Writes the file and makes sure of it; returns its length in bytes.
+fn write(
+    output: &mut Output,
+    job: &Job,
+    header: &FileHeader,
+    grid: &VdbGridBuilder,
+    interrupt: &Interrupt,
+) -> Result<u64, VdbWriteError> {
+    let voxel_size = job.lattice.voxel_size;
+    let grid_header = GridHeader {
+        name: "density".to_owned(),
+        voxel_size,
+        // Voxel i is the cell from i h to (i + 1) h, and the file places its centre.
+        translation: [0.5 * voxel_size; 3],
+        metadata: vdb::Metadata::new(),
+    };
+    let file = Watched { inner: output.file(), interrupt };
+    let bytes = vdb::write(file, header, &[(&grid_header, grid)])?;
+    output.sync().map_err(io::Error::into).map(|()| bytes)
+}
+
+/// A name of another kind is refused before any work is done.
+fn check_name(path: Option<&Path>) -> Result<(), Failure> {
+    let Some(path) = path else { return Ok(()) };
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vdb")) {
+        return Ok(());
+    }
+    Err(Failure::usage(format!("the output {} does not end in .vdb", path.display())))
+}
+
+/// Time by the clock and of all processors, since a start.
+struct Clock {
+    started: Instant,
+    cpu: ProcessTime,
+}
+
+/// Seconds by the clock, and of all processors.
+type Reading = [f64; 2];
+
+impl Clock {
+    fn start() -> Clock {
+        Clock { started: Instant::now(), cpu: ProcessTime::now() }
+    }
+
+    fn read(&self) -> Reading {
+        [self.started.elapsed().as_secs_f64(), self.cpu.elapsed().as_secs_f64()]
+    }
+}
+
+/// Times by the clock and of all processors, from readings at the end of planning, of evaluation and of all.
+fn times([planned, evaluated, written]: [Reading; 3], phases: Phases) -> [Times; 2] {
+    let encode = phases.encode + phases.append;
+    let both = phases.evaluate + encode;
+    let share = if both > 0.0 { phases.evaluate / both } else { 1.0 };
+    let baking = evaluated[0] - planned[0];
+    let times = |which: usize, evaluate, encode| Times {
+        plan: planned[which],
+        evaluate,
+        encode,
+        write: written[which] - evaluated[which],
+        total: written[which],
+    };
+    [times(0, share * baking, (1.0 - share) * baking), times(1, phases.evaluate, encode)]
+}
+
+fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
+    let mut table = text::Table::default();
+    let times = report.seconds;
+    table.heading(format!("{}  {}", report.output, text::bytes(report.bytes)));
+    table.row(
+        "voxel size",
+        format!("{} m ({} voxels)", text::short(report.voxel_size), text::dimensions(dimensions)),
+    );
+    table.row(
+        "active voxels",
+        format!(
+            "{} in {} leaves and {} tiles, of {} bricks searched",
+            text::count(report.active_voxels),
+            text::count(report.leaves),
+            text::count(report.tiles),
+            text::count(report.planned_bricks),
+        ),
+    );
+    table.row(
+        "time",
+        format!(
+            "{} on {} threads: plan {}, evaluate {}, encode {}, write {}",
+            text::seconds(times.total),
+            report.threads,
+            text::seconds(times.plan),
+            text::seconds(times.evaluate),
+            text::seconds(times.encode),
+            text::seconds(times.write),
+        ),
+    );
+    if let Some(peak) = report.peak_rss_bytes {
+        table.row("peak memory", text::bytes(peak));
+    }
+    if explain {
+        table.rows("left out", &report.left_out, "nothing");
+    }
+    table.finish()
+}

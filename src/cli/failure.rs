@@ -1,0 +1,112 @@
+//! Why a command ended without success, and the exit code for it.
+
+use std::error::Error;
+use std::io::{self, IsTerminal, Write};
+
+use crate::scene::SceneErrors;
+
+/// Why a command ended without success.
+#[derive(Debug)]
+pub struct Failure {
+    kind: Kind,
+    message: String,
+    source: Option<Box<dyn Error + Send + Sync>>,
+    hint: Option<String>,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Failed,
+    Usage,
+    Input,
+    Scene(Box<SceneErrors>),
+    Interrupted,
+}
+
+impl Failure {
+    fn new(kind: Kind, message: impl Into<String>) -> Failure {
+        Failure { kind, message: message.into(), source: None, hint: None }
+    }
+
+    /// The work could not be done.
+    pub(super) fn failed(message: impl Into<String>) -> Failure {
+        Failure::new(Kind::Failed, message)
+    }
+
+    /// The arguments make no sense together.
+    pub(super) fn usage(message: impl Into<String>) -> Failure {
+        Failure::new(Kind::Usage, message)
+    }
+
+    /// A scene or input file is not there, not readable or not valid.
+    pub(super) fn input(message: impl Into<String>) -> Failure {
+        Failure::new(Kind::Input, message)
+    }
+
+    /// A signal asked to stop.
+    pub(super) fn interrupted() -> Failure {
+        Failure::new(Kind::Interrupted, "interrupted")
+    }
+
+    /// With what lies behind it.
+    pub(super) fn because(mut self, source: impl Into<Box<dyn Error + Send + Sync>>) -> Failure {
+        self.source = Some(source.into());
+        self
+    }
+
+    /// With what may help.
+    pub(super) fn hint(mut self, hint: impl Into<String>) -> Failure {
+        self.hint = Some(hint.into());
+        self
+    }
+
+    /// 1: failed; 2: usage; 3: the scene or input file cannot be read or is invalid; 130: interrupted.
+    pub fn exit_code(&self) -> u8 {
+        match self.kind {
+            Kind::Failed => 1,
+            Kind::Usage => 2,
+            Kind::Input | Kind::Scene(_) => 3,
+            Kind::Interrupted => 130,
+        }
+    }
+
+    /// Writes the error with its causes, and a hint where there is one. Errors of a scene are coloured where standard
+    /// error is a terminal.
+    ///
+    /// # Errors
+    ///
+    /// Those of `out`.
+    pub fn report(&self, out: &mut impl Write) -> io::Result<()> {
+        if let Kind::Scene(errors) = &self.kind {
+            return if colours() {
+                writeln!(out, "{}", errors.to_coloured())
+            } else {
+                writeln!(out, "{errors}")
+            };
+        }
+        write!(out, "error: {}", self.message)?;
+        let mut source = self.source.as_deref().map(|source| source as &dyn Error);
+        while let Some(error) = source {
+            write!(out, ": {error}")?;
+            source = error.source();
+        }
+        writeln!(out)?;
+        if let Some(hint) = &self.hint {
+            writeln!(out, "hint: {hint}")?;
+        }
+        Ok(())
+    }
+}
+
+impl From<SceneErrors> for Failure {
+    fn from(errors: SceneErrors) -> Failure {
+        Failure::new(Kind::Scene(Box::new(errors)), "invalid scene")
+    }
+}
+
+/// Whether standard error takes colours.
+fn colours() -> bool {
+    let unset = |name| std::env::var_os(name).is_none_or(|value| value.is_empty());
+    let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    io::stderr().is_terminal() && unset("NO_COLOR") && !dumb
+}

@@ -1,0 +1,96 @@
+//! Ctrl-C and requests to terminate, so that no partial file stays behind.
+
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use super::Failure;
+use crate::volume::{Brick, Sink};
+
+/// Exit code after a signal.
+const EXIT_CODE: i32 = 130;
+
+/// Signals to stop. While nothing needs to be cleared away they end the program at once; after
+/// [`hold`](Interrupt::hold) they are only noted.
+#[derive(Debug, Clone)]
+pub(super) struct Interrupt {
+    noted: Arc<AtomicBool>,
+    at_once: Arc<AtomicBool>,
+}
+
+impl Interrupt {
+    /// Takes the signals over from the system.
+    pub(super) fn listen() -> Result<Interrupt, Failure> {
+        let interrupt =
+            Interrupt { noted: Arc::new(AtomicBool::new(false)), at_once: Arc::new(AtomicBool::new(true)) };
+        let register = |signal| {
+            signal_hook::flag::register_conditional_shutdown(signal, EXIT_CODE, interrupt.at_once.clone())?;
+            signal_hook::flag::register(signal, interrupt.noted.clone())
+        };
+        [SIGINT, SIGTERM]
+            .into_iter()
+            .try_for_each(|signal| register(signal).map(|_| ()))
+            .map_err(|error: io::Error| Failure::failed("cannot listen for signals").because(error))?;
+        Ok(interrupt)
+    }
+
+    /// From now on signals are noted, for [`check`](Interrupt::check) to find.
+    pub(super) fn hold(&self) {
+        self.at_once.store(false, Ordering::SeqCst);
+    }
+
+    fn is_noted(&self) -> bool {
+        self.noted.load(Ordering::SeqCst)
+    }
+
+    /// An error if a signal came.
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        if self.is_noted() { Err(Failure::interrupted()) } else { Ok(()) }
+    }
+}
+
+/// A sink or an output that fails once a signal has come.
+#[derive(Debug)]
+pub(super) struct Watched<'a, T> {
+    pub(super) inner: T,
+    pub(super) interrupt: &'a Interrupt,
+}
+
+/// Why a watched sink ended a bake.
+#[derive(Debug)]
+pub(super) enum Stopped<E> {
+    Interrupted,
+    Sink(E),
+}
+
+impl<S: Sink> Sink for Watched<'_, S> {
+    type Run = S::Run;
+    type Error = Stopped<S::Error>;
+
+    fn encode(&self, brick: &Brick, run: &mut S::Run) {
+        self.inner.encode(brick, run);
+    }
+
+    fn append(&mut self, run: S::Run) -> Result<(), Self::Error> {
+        if self.interrupt.is_noted() {
+            return Err(Stopped::Interrupted);
+        }
+        self.inner.append(run).map_err(Stopped::Sink)
+    }
+}
+
+impl<W: Write> Write for Watched<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.interrupt.is_noted() {
+            // Not `ErrorKind::Interrupted`, after which writers try again.
+            return Err(io::Error::other("interrupted"));
+        }
+        self.inner.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}

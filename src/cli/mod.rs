@@ -1,0 +1,112 @@
+//! The command line: arguments, files, progress and exit codes. No numerics.
+//!
+//! Results go to standard output, as text or with `--json` as one object; progress, notes and errors go to standard
+//! error. [`Failure::exit_code`] lists the exit codes.
+
+mod bake;
+mod failure;
+mod interrupt;
+mod job;
+mod machine;
+mod output;
+mod progress;
+mod recipe;
+mod text;
+
+use std::io::{self, Write};
+use std::num::NonZeroUsize;
+
+use clap::{Args, Parser, Subcommand};
+use serde::Serialize;
+
+pub use failure::Failure;
+
+/// Bakes procedural density, sculpted along spline tubes, into sparse OpenVDB grids
+#[derive(Debug, Parser)]
+#[command(version, arg_required_else_help = true)]
+pub struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Args)]
+struct Global {
+    /// Print one JSON object on standard output, and nothing else there
+    #[arg(long, global = true)]
+    json: bool,
+    /// Threads to work with [default: one for each processor]
+    #[arg(long, global = true, value_name = "N", value_parser = threads)]
+    threads: Option<NonZeroUsize>,
+    /// Print neither progress nor notes
+    #[arg(long, global = true)]
+    quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Bake a scene into an OpenVDB file
+    Bake(bake::Arguments),
+}
+
+impl Cli {
+    /// Does what the arguments ask for.
+    ///
+    /// # Errors
+    ///
+    /// What went wrong, to be reported; where it is returned, no output file was made or changed.
+    pub fn run(self) -> Result<(), Failure> {
+        match &self.command {
+            Command::Bake(arguments) => bake::run(arguments, &self.global),
+        }
+    }
+}
+
+impl Global {
+    /// Shows a result on standard output, in the form asked for.
+    fn show<T: Serialize>(&self, result: &T, human: impl FnOnce(&T) -> String) -> Result<(), Failure> {
+        let text = if self.json {
+            serde_json::to_string_pretty(result)
+                .map_err(|error| Failure::failed("the result").because(error))?
+        } else {
+            human(result)
+        };
+        let mut out = io::stdout().lock();
+        match writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {
+            // Who closes the pipe has read enough.
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+                Err(Failure::failed("cannot write to standard output").because(error))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Tells something that is neither result nor error.
+    fn note(&self, text: &str) {
+        if !self.quiet {
+            // Where standard error is closed there is nobody to tell.
+            let _ = writeln!(io::stderr(), "note: {text}");
+        }
+    }
+
+    /// The threads to work with.
+    fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
+        let threads = match self.threads {
+            Some(threads) => threads.get(),
+            None => std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
+        };
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|error| Failure::failed(format!("cannot start {threads} threads")).because(error))
+    }
+}
+
+fn threads(text: &str) -> Result<NonZeroUsize, String> {
+    const MOST: usize = 4096;
+    text.parse()
+        .ok()
+        .filter(|threads: &NonZeroUsize| threads.get() <= MOST)
+        .ok_or_else(|| format!("expected a number from 1 to {MOST}"))
+}

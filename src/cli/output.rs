@@ -1,0 +1,64 @@
+//! A file that appears whole or not at all.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use super::Failure;
+
+/// Characters of the file's name that the temporary name repeats: all of a long name would be too long.
+const REPEATED: usize = 100;
+
+/// A file in the making, under a temporary name in the folder where it will be. Dropped, it leaves nothing behind.
+#[derive(Debug)]
+pub(super) struct Output {
+    path: PathBuf,
+    temporary: NamedTempFile,
+}
+
+impl Output {
+    /// Makes the temporary file; `path` itself is left as it is.
+    pub(super) fn create(path: &Path) -> Result<Output, Failure> {
+        let failed = |reason| Failure::failed(format!("cannot write {}", path.display())).because(reason);
+        // A link is kept, and what it points to replaced.
+        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        if fs::metadata(&target).is_ok_and(|existing| !existing.is_file()) {
+            return Err(Failure::failed(format!("{} is not a regular file", path.display())));
+        }
+        let name = target.file_name().unwrap_or_default().to_string_lossy();
+        let prefix = format!(".{}-", name.chars().take(REPEATED).collect::<String>());
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).suffix(".tmp");
+        // Without this only the owner could read the file; the process's mask still applies.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let temporary = builder.tempfile_in(folder(&target)).map_err(failed)?;
+        Ok(Output { path: target, temporary })
+    }
+
+    /// What to write to.
+    pub(super) fn file(&self) -> &File {
+        self.temporary.as_file()
+    }
+
+    /// Makes sure of what was written.
+    pub(super) fn sync(&self) -> io::Result<()> {
+        self.file().sync_all()
+    }
+
+    /// Gives the file its name, replacing a file that had it.
+    pub(super) fn publish(self) -> io::Result<()> {
+        self.temporary.persist(&self.path)?;
+        // The file is complete whatever comes of this, and not every file system can do it.
+        if let Ok(folder) = File::open(folder(&self.path)) {
+            let _ = folder.sync_all();
+        }
+        Ok(())
+    }
+}
+
+fn folder(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}

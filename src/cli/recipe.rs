@@ -1,0 +1,105 @@
+//! What a baked file says of how it was made.
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use uuid::Uuid;
+
+use crate::formats::vdb::{Compression, Meta, Metadata};
+
+/// The program and its version.
+const CREATOR: &str = concat!("vdbake ", env!("CARGO_PKG_VERSION"));
+
+/// All settings that the bytes of a file depend on besides the scene's text, after defaults and overrides.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Settings {
+    pub(super) grids: [&'static str; 1],
+    /// Metres.
+    pub(super) voxel_size: f64,
+    /// Seconds after the start frame.
+    pub(super) time: f64,
+    pub(super) compression: &'static str,
+    pub(super) cutoff: f64,
+    pub(super) octave_fade: bool,
+}
+
+/// A compression's word on the command line.
+pub(super) fn compression_name(compression: Compression) -> &'static str {
+    match compression {
+        Compression::Blosc => "blosc",
+        Compression::Zip => "zip",
+        Compression::None => "none",
+    }
+}
+
+/// From what, with which settings and by which version a file is made. The same recipe gives the same bytes.
+#[derive(Debug, Clone)]
+pub(super) struct Recipe {
+    scene: String,
+    settings: String,
+}
+
+impl Recipe {
+    pub(super) fn new(scene: &str, settings: &Settings) -> Result<Recipe, serde_json::Error> {
+        Ok(Recipe { scene: scene.to_owned(), settings: serde_json::to_string(settings)? })
+    }
+
+    /// A UUID of version 8 from the SHA-256 of version, settings and scene, each behind its length in bytes as a
+    /// little-endian `u64`.
+    pub(super) fn uuid(&self) -> Uuid {
+        let mut hash = Sha256::new();
+        for part in [CREATOR, &self.settings, &self.scene] {
+            hash.update((part.len() as u64).to_le_bytes());
+            hash.update(part);
+        }
+        let hash: [u8; 32] = hash.finalize().into();
+        let mut bytes = [0; 16];
+        bytes.copy_from_slice(&hash[..16]);
+        uuid::Builder::from_custom_bytes(bytes).into_uuid()
+    }
+
+    /// The file's metadata. `content` is the hash of all values, in hexadecimal.
+    pub(super) fn metadata(&self, content: &str) -> Metadata {
+        [
+            ("creator", CREATOR),
+            ("vdbake_scene", &self.scene),
+            ("vdbake_settings", &self.settings),
+            ("vdbake_content_sha256", content),
+        ]
+        .into_iter()
+        .map(|(name, text)| (name.to_owned(), Meta::from(text)))
+        .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> Settings {
+        Settings {
+            grids: ["density"],
+            voxel_size: 0.1,
+            time: 0.0,
+            compression: "blosc",
+            cutoff: 0.0,
+            octave_fade: true,
+        }
+    }
+
+    #[test]
+    fn settings_have_one_form() {
+        let recipe = Recipe::new("", &settings()).expect("settings");
+        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"compression":"blosc","cutoff":0.0,"octave_fade":true}"#;
+        assert_eq!(recipe.settings, expected);
+    }
+
+    #[test]
+    fn uuid_tells_recipes_apart() {
+        let uuid = |scene: &str, settings| Recipe::new(scene, settings).expect("settings").uuid();
+        let other = Settings { time: 1.0, ..settings() };
+        assert_eq!(uuid("a", &settings()), uuid("a", &settings()));
+        assert_ne!(uuid("a", &settings()), uuid("b", &settings()));
+        assert_ne!(uuid("a", &settings()), uuid("a", &other));
+        assert_eq!(uuid("a", &settings()).get_version_num(), 8);
+    }
+}

@@ -1,0 +1,127 @@
+//! Numbers and names for people.
+
+use std::fmt::Display;
+use std::fmt::Write;
+
+use bytesize::ByteSize;
+
+/// Columns that the names of values take.
+const NAMES: usize = 16;
+
+/// Lines of names and values, aligned.
+#[derive(Debug, Default)]
+pub(super) struct Table {
+    text: String,
+}
+
+impl Table {
+    /// A line without a name.
+    pub(super) fn heading(&mut self, text: impl Display) {
+        self.text.push_str(&format!("{text}\n"));
+    }
+
+    /// A value with its name.
+    pub(super) fn row(&mut self, name: &str, value: impl Display) {
+        self.text.push_str(&format!("  {name:<NAMES$}  {value}\n"));
+    }
+
+    /// Several values under one name, a line each; `none` where there are none.
+    pub(super) fn rows(&mut self, name: &str, values: &[String], none: &str) {
+        self.row(name, values.first().map_or(none, String::as_str));
+        for value in values.iter().skip(1) {
+            self.row("", value);
+        }
+    }
+
+    pub(super) fn finish(self) -> String {
+        self.text
+    }
+}
+
+/// A count with its thousands set apart.
+pub(super) fn count(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index) % 3 == 0 {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// Such as `1.5 GiB`.
+pub(super) fn bytes(n: u64) -> String {
+    ByteSize(n).display().iec().to_string()
+}
+
+/// Four significant digits.
+pub(super) fn short(x: f64) -> String {
+    format!("{x:.3e}").parse::<f64>().map_or_else(|_| x.to_string(), |x| x.to_string())
+}
+
+/// Three numbers of four significant digits.
+pub(super) fn vector(v: [f64; 3]) -> String {
+    let [x, y, z] = v.map(short);
+    format!("({x}, {y}, {z})")
+}
+
+/// A box by two of its corners.
+pub(super) fn bounds(bounds: Option<[[f64; 3]; 2]>) -> String {
+    bounds.map_or_else(|| "none".to_owned(), |[lo, hi]| format!("{} to {} m", vector(lo), vector(hi)))
+}
+
+/// Three counts.
+pub(super) fn dimensions([x, y, z]: [u64; 3]) -> String {
+    format!("{} x {} x {}", count(x), count(y), count(z))
+}
+
+/// Seconds to the millisecond.
+pub(super) fn seconds(x: f64) -> String {
+    format!("{x:.3} s")
+}
+
+/// On one line and not too long, without characters that could steer a terminal.
+pub(super) fn tidy(text: &str) -> String {
+    const MOST: usize = 72;
+    let line = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+    let mut out: String =
+        line.chars().take(MOST).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    if out.len() < text.trim_end().len() {
+        // Writing to a string cannot fail.
+        let _ = write!(out, " ... ({} lines, {} bytes)", text.lines().count(), text.len());
+    }
+    out
+}
+
+/// Bytes in hexadecimal.
+pub(super) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_grouped_by_thousands() {
+        for (n, expected) in [(0, "0"), (999, "999"), (1000, "1,000"), (1_234_567, "1,234,567")] {
+            assert_eq!(count(n), expected);
+        }
+    }
+
+    #[test]
+    fn numbers_keep_four_digits() {
+        for (x, expected) in [(0.0097656, "0.009766"), (2.5, "2.5"), (-12345.0, "-12350"), (0.0, "0")] {
+            assert_eq!(short(x), expected);
+        }
+    }
+
+    #[test]
+    fn long_and_hostile_text_is_tamed() {
+        assert_eq!(tidy("density"), "density");
+        assert_eq!(tidy("a\u{1b}[2J"), "a\u{fffd}[2J");
+        assert_eq!(tidy("# one\ntwo\n"), "# one ... (2 lines, 10 bytes)");
+    }
+}
