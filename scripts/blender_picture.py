@@ -6,6 +6,7 @@ The camera looks along +y and is framed to the volume's box; z is up, as in the 
 
 import argparse
 import math
+import os
 import sys
 
 import bpy
@@ -25,7 +26,10 @@ def arguments():
     parser.add_argument("--from", dest="eye", type=float, nargs=3, default=(0.0, -1.0, 0.1), help="direction of the eye")
     parser.add_argument("--size", type=int, nargs=2, default=(640, 640))
     parser.add_argument("--samples", type=int, default=64)
-    return parser.parse_args(own)
+    options = parser.parse_args(own)
+    # Blender takes relative paths from elsewhere than the current folder.
+    options.file, options.picture = os.path.abspath(options.file), os.path.abspath(options.picture)
+    return options
 
 
 def main():

@@ -150,7 +150,7 @@ fn index_range(field: &Field, lattice: Lattice) -> Result<[i64; 3], PlanError> {
     let (lo, hi) = (lo / lattice.voxel_size, hi / lattice.voxel_size);
     let extent = lo.abs().max(hi.abs()).max_element();
     // A margin of some bricks for those that are planned and stay empty.
-    if !(extent < 2_147_483_648.0 - 64.0) {
+    if extent.is_nan() || extent >= 2_147_483_648.0 - 64.0 {
         return Err(PlanError::IndexRange { extent });
     }
     // The sort key has twelve bits for each axis.
