@@ -73,8 +73,13 @@ pub(super) fn bounds(bounds: Option<[[f64; 3]; 2]>) -> String {
 }
 
 /// Three counts.
-pub(super) fn dimensions([x, y, z]: [u64; 3]) -> String {
+fn dimensions([x, y, z]: [u64; 3]) -> String {
     format!("{} x {} x {}", count(x), count(y), count(z))
+}
+
+/// A voxel size in metres, with the voxels along each side of the density.
+pub(super) fn voxels(size: f64, sides: [u64; 3]) -> String {
+    format!("{} m ({} voxels)", short(size), dimensions(sides))
 }
 
 /// Seconds to the millisecond.

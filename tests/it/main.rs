@@ -1,3 +1,4 @@
 //! Everything that is tested from outside, linked once.
 
+mod cli;
 mod layers;
