@@ -76,7 +76,7 @@ impl Global {
     fn show<T: Serialize>(&self, result: &T, human: impl FnOnce(&T) -> String) -> Result<(), Failure> {
         let text = if self.json {
             serde_json::to_string_pretty(result)
-                .map_err(|error| Failure::failed("the result").because(error))?
+                .map_err(|error| Failure::failed("cannot print the result").because(error))?
         } else {
             human(result)
         };
