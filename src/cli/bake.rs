@@ -220,10 +220,7 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
     let mut table = text::Table::default();
     let times = report.seconds;
     table.heading(format!("{}  {}", report.output, text::bytes(report.bytes)));
-    table.row(
-        "voxel size",
-        format!("{} m ({} voxels)", text::short(report.voxel_size), text::dimensions(dimensions)),
-    );
+    table.row("voxel size", text::voxels(report.voxel_size, dimensions));
     table.row(
         "active voxels",
         format!(

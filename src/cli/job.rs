@@ -132,7 +132,8 @@ impl Job {
         #[allow(clippy::cast_precision_loss, reason = "for show")]
         let (need, budget) = (bricks * BRICK as f64, self.budget as f64);
         let failure = Failure::failed(format!(
-            "too many bricks for the memory: {about}{bricks:.0} bricks of 8^3 voxels take up to {}, and {} may be used",
+            "too many bricks for the memory: {about}{} bricks of 8^3 voxels take up to {}, and {} may be used",
+            whole(bricks),
             amount(need),
             text::bytes(self.budget),
         ));
@@ -199,6 +200,12 @@ fn round_up(x: f64) -> f64 {
     let exponent = libm::floor(libm::log10(x)) - 2.0;
     let digits = (x / libm::pow(10.0, exponent)).ceil();
     format!("{digits}e{exponent}").parse().unwrap_or(x)
+}
+
+/// A count for people.
+fn whole(bricks: f64) -> String {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
+    text::count(bricks as u64)
 }
 
 /// Bytes for people; what no 64-bit number holds is as good as infinite.

@@ -5,10 +5,12 @@
 
 mod bake;
 mod failure;
+mod info;
 mod interrupt;
 mod job;
 mod machine;
 mod output;
+mod plan;
 mod progress;
 mod recipe;
 mod text;
@@ -48,6 +50,10 @@ struct Global {
 enum Command {
     /// Bake a scene into an OpenVDB file
     Bake(bake::Arguments),
+    /// Tell what a bake would take, without baking
+    Plan(plan::Arguments),
+    /// Tell what is in a scene or an OpenVDB file
+    Info(info::Arguments),
 }
 
 impl Cli {
@@ -59,6 +65,8 @@ impl Cli {
     pub fn run(self) -> Result<(), Failure> {
         match &self.command {
             Command::Bake(arguments) => bake::run(arguments, &self.global),
+            Command::Plan(arguments) => plan::run(arguments, &self.global),
+            Command::Info(arguments) => info::run(arguments, &self.global),
         }
     }
 }
@@ -68,7 +76,7 @@ impl Global {
     fn show<T: Serialize>(&self, result: &T, human: impl FnOnce(&T) -> String) -> Result<(), Failure> {
         let text = if self.json {
             serde_json::to_string_pretty(result)
-                .map_err(|error| Failure::failed("the result").because(error))?
+                .map_err(|error| Failure::failed("cannot print the result").because(error))?
         } else {
             human(result)
         };

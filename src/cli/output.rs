@@ -21,7 +21,6 @@ pub(super) struct Output {
 impl Output {
     /// Makes the temporary file; `path` itself is left as it is.
     pub(super) fn create(path: &Path) -> Result<Output, Failure> {
-        let failed = |reason| Failure::failed(format!("cannot write {}", path.display())).because(reason);
         // A link is kept, and what it points to replaced.
         let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         if fs::metadata(&target).is_ok_and(|existing| !existing.is_file()) {
@@ -34,7 +33,10 @@ impl Output {
         // Without this only the owner could read the file; the process's mask still applies.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let temporary = builder.tempfile_in(folder(&target)).map_err(failed)?;
+        let temporary = builder.tempfile_in(folder(&target)).map_err(|error| {
+            Failure::failed(format!("cannot make a file in {}", folder(&target).display()))
+                .because(cause(&error))
+        })?;
         Ok(Output { path: target, temporary })
     }
 
@@ -57,6 +59,12 @@ impl Output {
         }
         Ok(())
     }
+}
+
+/// What the system said, without the temporary name that nobody gave.
+fn cause(error: &io::Error) -> String {
+    let inner = error.get_ref().and_then(|error| error.source());
+    inner.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
 fn folder(path: &Path) -> &Path {

@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn uuid_tells_recipes_apart() {
-        let uuid = |scene: &str, settings| Recipe::new(scene, settings).expect("settings").uuid();
+        let uuid = |scene: &str, settings: &Settings| Recipe::new(scene, settings).expect("settings").uuid();
         let other = Settings { time: 1.0, ..settings() };
         assert_eq!(uuid("a", &settings()), uuid("a", &settings()));
         assert_ne!(uuid("a", &settings()), uuid("b", &settings()));

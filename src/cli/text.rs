@@ -1,12 +1,11 @@
 //! Numbers and names for people.
 
 use std::fmt::Display;
-use std::fmt::Write;
 
 use bytesize::ByteSize;
 
 /// Columns that the names of values take.
-const NAMES: usize = 16;
+const NAMES: usize = 21;
 
 /// Lines of names and values, aligned.
 #[derive(Debug, Default)]
@@ -43,7 +42,7 @@ pub(super) fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
     for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index) % 3 == 0 {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
             out.push(',');
         }
         out.push(digit);
@@ -73,8 +72,13 @@ pub(super) fn bounds(bounds: Option<[[f64; 3]; 2]>) -> String {
 }
 
 /// Three counts.
-pub(super) fn dimensions([x, y, z]: [u64; 3]) -> String {
+fn dimensions([x, y, z]: [u64; 3]) -> String {
     format!("{} x {} x {}", count(x), count(y), count(z))
+}
+
+/// A voxel size in metres, with the voxels along each side of the density.
+pub(super) fn voxels(size: f64, sides: [u64; 3]) -> String {
+    format!("{} m ({} voxels)", short(size), dimensions(sides))
 }
 
 /// Seconds to the millisecond.
@@ -84,13 +88,12 @@ pub(super) fn seconds(x: f64) -> String {
 
 /// On one line and not too long, without characters that could steer a terminal.
 pub(super) fn tidy(text: &str) -> String {
-    const MOST: usize = 72;
+    const MOST: usize = 160;
     let line = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
     let mut out: String =
         line.chars().take(MOST).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
     if out.len() < text.trim_end().len() {
-        // Writing to a string cannot fail.
-        let _ = write!(out, " ... ({} lines, {} bytes)", text.lines().count(), text.len());
+        out.push_str(&format!(" ... ({} bytes in all)", text.len()));
     }
     out
 }
@@ -122,6 +125,6 @@ mod tests {
     fn long_and_hostile_text_is_tamed() {
         assert_eq!(tidy("density"), "density");
         assert_eq!(tidy("a\u{1b}[2J"), "a\u{fffd}[2J");
-        assert_eq!(tidy("# one\ntwo\n"), "# one ... (2 lines, 10 bytes)");
+        assert_eq!(tidy("# one\ntwo\n"), "# one ... (10 bytes in all)");
     }
 }

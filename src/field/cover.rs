@@ -188,8 +188,18 @@ impl Capsule {
 /// Visits blocks of edge `edge` whose centre lies within `extent` of `centre` along every axis and within `slack` of the
 /// plane through `centre` across `normal` (measured as `|(o - centre) . normal|`), row by row along the normal's largest
 /// component, so that a thin slab of a wide disc costs its own size only.
-#[allow(clippy::cast_possible_truncation, reason = "block coordinates are checked to fit before bricks are planned")]
-fn walk(centre: DVec3, extent: f64, normal: DVec3, slack: f64, edge: f64, mut visit: impl FnMut([i64; 3], DVec3)) {
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "block coordinates are checked to fit before bricks are planned"
+)]
+fn walk(
+    centre: DVec3,
+    extent: f64,
+    normal: DVec3,
+    slack: f64,
+    edge: f64,
+    mut visit: impl FnMut([i64; 3], DVec3),
+) {
     let along = normal.abs().max_position();
     let (first, second) = ((along + 1) % 3, (along + 2) % 3);
     // Block b is centred at (b + 1/2) edge.
@@ -207,7 +217,8 @@ fn walk(centre: DVec3, extent: f64, normal: DVec3, slack: f64, edge: f64, mut vi
             o[second] = place(j);
             let (mut low, mut high) = whole;
             if steepness != 0.0 {
-                let rest = (o[first] - centre[first]) * normal[first] + (o[second] - centre[second]) * normal[second];
+                let rest = (o[first] - centre[first]) * normal[first]
+                    + (o[second] - centre[second]) * normal[second];
                 let ends = [(-slack - rest) / steepness, (slack - rest) / steepness];
                 let to_block = |x: f64| (centre[along] + x) / edge - 0.5;
                 low = low.max(to_block(ends[0].min(ends[1])).floor() as i64);

@@ -49,7 +49,9 @@ impl Field {
             }
             let skipped = fractal.skipped;
             if skipped > 0 {
-                say(format!("{skipped} octaves of layer {number}: without amplitude, or finer than 2^22 cells"));
+                say(format!(
+                    "{skipped} octaves of layer {number}: without amplitude, or finer than 2^22 cells"
+                ));
             }
             if self.octave_fade {
                 let rates = Rates::new(tube, fractal, lattice.voxel_size);

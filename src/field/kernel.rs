@@ -281,7 +281,11 @@ fn bracket<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scr
 
 /// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number.
 #[inline(always)]
-fn coordinates<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) -> usize {
+fn coordinates<R: Real>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) -> usize {
     let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
     let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
     let one = R::constant(token, 1.0);

@@ -80,7 +80,8 @@ impl Field {
             let mut merged = capsule;
             let mut count = 1;
             while let Some(next) = rest.get(count).map(|&i| cover[i as usize]) {
-                let touches = next.tube == merged.tube && next.part == merged.part && next.t[0] <= merged.t[1];
+                let touches =
+                    next.tube == merged.tube && next.part == merged.part && next.t[0] <= merged.t[1];
                 if next.is_point || !touches {
                     break;
                 }
@@ -120,7 +121,8 @@ impl Field {
     ) {
         let spans = &tube.spans[segment];
         let middle = 0.5 * (interval.t[0] + interval.t[1]);
-        let first = spans.partition_point(|span| span.core[1] <= interval.t[0]).min(spans.len().saturating_sub(1));
+        let first =
+            spans.partition_point(|span| span.core[1] <= interval.t[0]).min(spans.len().saturating_sub(1));
         let holds = |span: &&Span| span.fit[0] <= interval.t[0] && interval.t[1] <= span.fit[1];
         let near = spans[first..].iter().take_while(|span| span.core[0] <= interval.t[1]);
         let distance = |span: &Span| (span.middle - middle).abs();
@@ -238,9 +240,10 @@ impl Field {
         let section = &point.section;
         let scale = 1.0 / section.radius;
         let (rows, search) = match point.kind {
-            PointKind::End(outward) => {
-                ([section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale), Search::Point { is_corner: false })
-            }
+            PointKind::End(outward) => (
+                [section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale),
+                Search::Point { is_corner: false },
+            ),
             PointKind::Corner(next) => {
                 // Along the hinge, and across it in the plane normal to the first tangent.
                 let hinge = section.tangent.cross(next);
@@ -323,7 +326,12 @@ impl Field {
                 }
             };
             let threshold = layer.threshold.map(T::from_f64);
-            region.layers.push(Layer { op: layer.op, kind, threshold, multiplier: T::from_f64(layer.multiplier) });
+            region.layers.push(Layer {
+                op: layer.op,
+                kind,
+                threshold,
+                multiplier: T::from_f64(layer.multiplier),
+            });
         }
         ([first, region.layers.len()], fades)
     }
@@ -396,7 +404,9 @@ fn refine(segment: &Segment, interval: Interval, block: Block, depth: u32, found
     let is_short = reach.half * reach.speed < 0.5 * SHORTEST * block.h || depth >= DEPTH;
     if certified || is_short {
         match found.last_mut() {
-            Some(last) if certified && last.certified && last.t[1] == interval.t[0] => last.t[1] = interval.t[1],
+            Some(last) if certified && last.certified && last.t[1] == interval.t[0] => {
+                last.t[1] = interval.t[1]
+            }
             _ => found.push(Interval { certified, ..interval }),
         }
         return;

@@ -110,11 +110,12 @@ impl Axis<'_> {
         let arc_middle = self.curve.arc_length(segment, middle);
         let least = LEAST_RADIUS * self.profile.max();
         let sections = NODES.map(|tau| self.section(segment, middle + half * tau));
-        let across = [0, 1].map(|i| {
-            interpolate(&sections.each_ref().map(|s| s.axes[i] * (1.0 / s.radius.max(least))))
-        });
+        let across = [0, 1]
+            .map(|i| interpolate(&sections.each_ref().map(|s| s.axes[i] * (1.0 / s.radius.max(least)))));
         let offset = [0, 1].map(|i| {
-            interpolate(&sections.each_ref().map(|s| (s.centre - position[0]).dot(s.axes[i]) / s.radius.max(least)))
+            interpolate(
+                &sections.each_ref().map(|s| (s.centre - position[0]).dot(s.axes[i]) / s.radius.max(least)),
+            )
         });
         Span {
             core,
@@ -134,7 +135,8 @@ impl Axis<'_> {
     fn holds(&self, segment: usize, span: &Span) -> bool {
         // The interpolation error's extrema lie at the ends and near the middles between nodes.
         const PLACES: [f64; 7] = [-1.0, -0.86, -0.5, 0.0, 0.5, 0.86, 1.0];
-        let length = self.curve.arc_length(segment, span.fit[1]) - self.curve.arc_length(segment, span.fit[0]);
+        let length =
+            self.curve.arc_length(segment, span.fit[1]) - self.curve.arc_length(segment, span.fit[0]);
         PLACES.iter().all(|&tau| {
             // One-sided at the ends, where the radius may jump.
             let tau_inside = tau * (1.0 - 1e-9);

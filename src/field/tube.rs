@@ -88,8 +88,11 @@ impl Tube {
     pub(crate) fn compile(tube: &scene::Tube, time: f64) -> Tube {
         let twist_rate = TAU * tube.twist / tube.curve.length();
         let turns = tube.spin * time;
-        let axis =
-            Axis { curve: &tube.curve, profile: &tube.radius, twist: [twist_rate, TAU * (turns - turns.floor())] };
+        let axis = Axis {
+            curve: &tube.curve,
+            profile: &tube.radius,
+            twist: [twist_rate, TAU * (turns - turns.floor())],
+        };
         let breaks = breaks(&tube.curve, &tube.radius);
         let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
         Tube {
@@ -189,7 +192,8 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
     for segment in 0..=last {
         for &t in axis.curve.breaks(segment) {
             // Cusps and folds; elsewhere the frame breaks and the tangent does not.
-            let (section, next) = (axis.section(segment, t - ASIDE), axis.section(segment, t + ASIDE).tangent);
+            let (section, next) =
+                (axis.section(segment, t - ASIDE), axis.section(segment, t + ASIDE).tangent);
             if section.tangent.dot(next) < 0.0 {
                 points.push(Point { section, kind: PointKind::Corner(next) });
             }

@@ -10,7 +10,9 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, mask32x16, u32x16};
+use fearless_simd::{
+    Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, mask32x16, u32x16,
+};
 
 /// The product's arithmetic: sixteen `f32` lanes at the instruction set of `S`.
 pub type F32x16<S> = f32x16<S>;
@@ -52,7 +54,9 @@ fn run_with<S: Simd, W: WithLevel>(simd: S, code: W) -> W::Output {
 }
 
 /// A number as it lies in memory: `f32` or `f64`.
-pub trait Scalar: Copy + Default + PartialOrd + Add<Output = Self> + Mul<Output = Self> + Send + Sync + 'static {
+pub trait Scalar:
+    Copy + Default + PartialOrd + Add<Output = Self> + Mul<Output = Self> + Send + Sync + 'static
+{
     /// Rounds to the nearest.
     fn from_f64(x: f64) -> Self;
     /// Exact.
@@ -61,7 +65,10 @@ pub trait Scalar: Copy + Default + PartialOrd + Add<Output = Self> + Mul<Output 
 
 impl Scalar for f32 {
     #[inline(always)]
-    #[allow(clippy::cast_possible_truncation, reason = "the one place where double becomes single: rounding is meant")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "the one place where double becomes single: rounding is meant"
+    )]
     fn from_f64(x: f64) -> f32 {
         x as f32
     }
@@ -224,7 +231,8 @@ impl<S: Simd> Real for f32x16<S> {
         let mantissa: Self = ((shifted & 0x007f_ffff) + 0x3f35_04f3).bitcast();
         let t = (mantissa - 1.0) / (mantissa + 1.0);
         let t2 = t * t;
-        let series = ((((t2 * (1.0 / 9.0) + (1.0 / 7.0)) * t2 + (1.0 / 5.0)) * t2 + (1.0 / 3.0)) * t2 + 1.0) * t;
+        let series =
+            ((((t2 * (1.0 / 9.0) + (1.0 / 7.0)) * t2 + (1.0 / 5.0)) * t2 + (1.0 / 3.0)) * t2 + 1.0) * t;
         exponent.to_float::<Self>() + series * (2.0 * std::f32::consts::LOG2_E)
     }
     #[inline(always)]
@@ -362,7 +370,11 @@ impl Real for f64 {
         bits & 1 == 1
     }
     #[inline(always)]
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the lattice is taken modulo 2^32")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the lattice is taken modulo 2^32"
+    )]
     fn lattice(self) -> u32 {
         self as i64 as u32
     }

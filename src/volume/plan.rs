@@ -38,7 +38,9 @@ pub enum PlanError {
         fits: f64,
     },
     /// The density lies beyond the range of voxel indices.
-    #[error("the density lies up to {extent:.3e} voxels from the origin, beyond the 2^31 that a grid can number")]
+    #[error(
+        "the density lies up to {extent:.3e} voxels from the origin, beyond the 2^31 that a grid can number"
+    )]
     IndexRange {
         /// Largest distance along an axis, in voxels.
         extent: f64,
@@ -90,7 +92,8 @@ impl Plan {
             });
         pairs.par_sort_unstable();
 
-        let mut plan = Plan { lattice, cover, bricks: Vec::new(), candidates: Vec::with_capacity(pairs.len()) };
+        let mut plan =
+            Plan { lattice, cover, bricks: Vec::new(), candidates: Vec::with_capacity(pairs.len()) };
         let mut last = None;
         for (key, index) in pairs {
             if last != Some(key) {
@@ -118,6 +121,11 @@ impl Plan {
         self.bricks[index].block.map(|b| b * 8)
     }
 
+    /// Index of the first voxel of every candidate brick, in file order.
+    pub fn origins(&self) -> impl Iterator<Item = [i32; 3]> {
+        (0..self.bricks()).map(|index| self.origin(index))
+    }
+
     /// The field's cover that the candidates count in.
     pub fn cover(&self) -> &[Capsule] {
         &self.cover
@@ -133,6 +141,22 @@ impl Plan {
         let first = self.bricks[index].first as usize;
         let end = self.bricks.get(index + 1).map_or(self.candidates.len(), |next| next.first as usize);
         &self.candidates[first..end]
+    }
+
+    /// A plan of `count` of these bricks, or of all if there are fewer, spread evenly over their order.
+    pub fn sample(&self, count: usize) -> Plan {
+        let count = count.min(self.bricks());
+        let mut sample =
+            Plan { lattice: self.lattice, cover: self.cover.clone(), bricks: vec![], candidates: vec![] };
+        for number in 0..count {
+            // The middle of the brick's share of the order.
+            let index = (2 * number + 1) * self.bricks() / (2 * count);
+            let first =
+                u32::try_from(sample.candidates.len()).expect("no more candidates than in the whole plan");
+            sample.bricks.push(Planned { block: self.bricks[index].block, first });
+            sample.candidates.extend_from_slice(self.candidates(index));
+        }
+        sample
     }
 
     /// Bytes that the plan holds.

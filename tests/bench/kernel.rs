@@ -16,7 +16,8 @@ const ROUNDS: usize = 7;
 const POINTS: usize = 2048;
 
 fn main() {
-    let resolution = std::env::args().skip(1).find_map(|argument| argument.parse::<f64>().ok()).unwrap_or(512.0);
+    let resolution =
+        std::env::args().skip(1).find_map(|argument| argument.parse::<f64>().ok()).unwrap_or(512.0);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
     println!("{}, resolution {resolution}, medians of {ROUNDS} rounds", Level::best().name());
     println!(

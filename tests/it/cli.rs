@@ -1,211 +1,419 @@
-//! What scripts and other people's pipelines rely on: exit codes, streams, and files that appear whole or not at all.
+//! The program as scripts and people meet it: exit codes, what is printed where, and which files are left.
 
 use std::fs;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
-use tempfile::tempdir;
+use tempfile::TempDir;
 
-use crate::support::{SOLID, scenes, stderr, stdout, vdbake, write};
+/// A bent tube with noise, quick to bake.
+const SCENE: &str = r#"
+name = "bent"
+[bake]
+resolution = 48
+[[tube]]
+curve = { points = [[0, 0, 0], [0.5, 0, 1], [0, 0, 2]] }
+radius = 0.3
+twist = 1.0
+[[tube.layer]]
+threshold = 0.0
+"#;
 
-const DONE: i32 = 0;
-const FAILED: i32 = 1;
-const USAGE: i32 = 2;
-const INVALID: i32 = 3;
+/// A folder of its own, with `bent.toml` in it.
+struct Folder(TempDir);
 
-fn run(command: &mut Command) -> Output {
-    command.output().expect("the program starts")
+impl Folder {
+    fn new() -> Folder {
+        let folder = Folder(tempfile::tempdir().expect("a folder"));
+        folder.put("bent.toml", SCENE);
+        folder
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn put(&self, name: &str, content: impl AsRef<[u8]>) {
+        fs::write(self.path(name), content).expect("a file");
+    }
+
+    fn get(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).expect("a file")
+    }
+
+    /// All names but that of the scene.
+    fn made(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.0.path()).expect("a folder");
+        let names = entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"));
+        let mut names: Vec<String> = names.filter(|name| name != "bent.toml").collect();
+        names.sort();
+        names
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_vdbake"));
+        command.args(arguments).current_dir(self.0.path()).stdin(Stdio::null()).env_remove("NO_COLOR");
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().expect("the program starts")
+    }
+
+    /// Runs a command that succeeds, with `--json`.
+    fn json(&self, arguments: &[&str]) -> Value {
+        let output = self.run(&[arguments, &["--json"]].concat());
+        assert_eq!(code(&output), 0, "{}", errors(&output));
+        serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else")
+    }
 }
 
-fn bake(scene: &Path, output: &Path) -> Command {
-    let mut command = vdbake();
-    command.arg("bake").arg(scene).arg("-o").arg(output).args(["--resolution", "32"]);
-    command
+fn code(output: &Output) -> i32 {
+    output.status.code().expect("an exit code")
 }
 
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).expect("a readable folder");
-    let mut names: Vec<_> =
-        entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
+fn errors(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).expect("UTF-8")
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).expect("UTF-8")
+}
+
+fn number(value: &Value) -> u64 {
+    value.as_u64().unwrap_or_else(|| panic!("{value} is no whole number"))
 }
 
 #[test]
-fn help_and_version_are_no_errors() {
-    for arguments in [&["--help"][..], &["--version"], &["bake", "--help"]] {
-        let output = run(vdbake().args(arguments));
-        assert_eq!(output.status.code(), Some(DONE), "{arguments:?}");
-        assert!(stdout(&output).contains("vdbake"), "{arguments:?}");
+fn help_lists_the_commands_there_are() {
+    let folder = Folder::new();
+    let output = folder.run(&["--help"]);
+    assert_eq!(code(&output), 0);
+    let help = text(&output);
+    let commands = help.split("Commands:").nth(1).and_then(|rest| rest.split("\n\n").next()).expect("a list");
+    let names: Vec<&str> = commands.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert_eq!(names, ["bake", "plan", "info", "help"]);
+    for name in ["bake", "plan", "info"] {
+        assert_eq!(code(&folder.run(&[name, "--help"])), 0);
     }
 }
 
 #[test]
-fn wrong_usage_exits_with_2() {
-    let scene = scenes().remove(0);
-    let scene = scene.to_str().expect("a path of plain text");
+fn usage_is_2() {
+    let folder = Folder::new();
     for arguments in [
         &[][..],
-        &["boke", scene],
+        &["render", "bent.toml"],
         &["bake"],
-        &["bake", scene, scene],
-        &["bake", scene, "--resolution", "0"],
-        &["bake", scene, "--resolution", "-3"],
-        &["bake", scene, "--resolution", "many"],
-        &["bake", scene, "--voxel-size", "0"],
-        &["bake", scene, "--voxel-size", "-1"],
-        &["bake", scene, "--voxel-size", "nan"],
-        &["bake", scene, "--voxel-size", "inf"],
-        &["bake", scene, "--voxel-size", "0.1", "--resolution", "10"],
-        &["bake", scene, "--compression", "best"],
-        &["bake", scene, "--threads", "none"],
-        &["bake", scene, "--unheard-of"],
+        &["bake", "bent.toml", "--frobnicate"],
+        &["bake", "bent.toml", "--voxel-size", "0.1", "--resolution", "8"],
+        &["bake", "bent.toml", "--voxel-size", "0"],
+        &["bake", "bent.toml", "--voxel-size", "nan"],
+        &["bake", "bent.toml", "--resolution", "0"],
+        &["bake", "bent.toml", "--time", "inf"],
+        &["bake", "bent.toml", "--memory", "much"],
+        &["bake", "bent.toml", "--threads", "0"],
+        &["bake", "bent.toml", "--compression", "rar"],
+        &["bake", "bent.toml", "-o", "bent.exr"],
+        &["bake", "bent.toml", "-o", "."],
     ] {
-        let folder = tempdir().expect("a temporary folder");
-        let output = run(vdbake().current_dir(folder.path()).args(arguments));
-        assert_eq!(output.status.code(), Some(USAGE), "{arguments:?}: {}", stderr(&output));
-        assert!(!output.stderr.is_empty() && output.stdout.is_empty(), "{arguments:?}");
-        assert!(names(folder.path()).is_empty(), "{arguments:?}");
-    }
-}
-
-#[test]
-fn an_invalid_scene_exits_with_3_and_says_where() {
-    let folder = tempdir().expect("a temporary folder");
-    let target = folder.path().join("out.vdb");
-    for (text, place, hint) in [
-        (SOLID.replace("radius", "radios"), ":5:1", "radius"),
-        (SOLID.replace("radius = 1", "radius = -1"), ":5:10", "radius"),
-        (SOLID.replace("radius = 1", "radius = "), ":5:", ""),
-    ] {
-        let scene = write(&folder.path().join("scene.toml"), &text);
-        let output = run(bake(&scene, &target).arg("--json"));
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(INVALID), "{message}");
-        assert!(
-            message.contains(&format!("scene.toml{place}")) && message.contains(hint),
-            "{place}: {message}"
-        );
+        let output = folder.run(arguments);
+        assert_eq!(code(&output), 2, "{arguments:?}: {}", errors(&output));
         assert!(output.stdout.is_empty());
-        assert_eq!(names(folder.path()), ["scene.toml"]);
     }
+    assert_eq!(folder.made(), [""; 0]);
 }
 
 #[test]
-fn an_unreadable_scene_exits_with_3_and_names_it() {
-    let folder = tempdir().expect("a temporary folder");
-    let target = folder.path().join("out.vdb");
-    let missing = folder.path().join("missing.toml");
-    let binary = folder.path().join("binary.toml");
-    fs::write(&binary, [0xff, 0xfe, 0x00]).expect("a writable folder");
-    for (scene, name) in [(missing.as_path(), "missing.toml"), (&binary, "binary.toml"), (folder.path(), "")]
-    {
-        let output = run(&mut bake(scene, &target));
-        assert_eq!(output.status.code(), Some(INVALID), "{name}: {}", stderr(&output));
-        assert!(stderr(&output).contains(name), "{}", stderr(&output));
-        assert!(!target.exists());
-    }
-}
-
-#[test]
-fn json_is_all_there_is_on_stdout() {
-    let folder = tempdir().expect("a temporary folder");
-    let target = folder.path().join("out.vdb");
-    let output = run(bake(&scenes()[0], &target).args(["--json", "--quiet", "--threads", "2"]));
-    assert_eq!(output.status.code(), Some(DONE));
-    assert_eq!(stderr(&output), "");
-    let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
-    assert_eq!(report["output"].as_str(), target.to_str());
-    assert_eq!(report["threads"], 2);
-    for key in
-        ["voxel_size", "active_voxels", "leaves", "tiles", "searched_voxels", "bytes", "peak_rss_bytes"]
-    {
-        assert!(report[key].is_number(), "{key}: {report}");
-    }
-    for phase in ["plan", "evaluate", "encode", "write", "total"] {
-        for clock in ["seconds", "cpu_seconds"] {
-            assert!(report[clock][phase].is_number(), "{clock} {phase}: {report}");
+fn invalid_input_is_3() {
+    let folder = Folder::new();
+    folder.put("wrong.toml", "[[tube]]\nradus = 1\n");
+    folder.put("bytes.toml", b"name = \"\xff\"\n");
+    folder.put("wrong.vdb", "not a VDB file");
+    for name in ["wrong.toml", "bytes.toml", "missing.toml", "."] {
+        for command in ["bake", "plan", "info"] {
+            let output = folder.run(&[command, name]);
+            assert_eq!(code(&output), 3, "{command} {name}: {}", errors(&output));
+            assert!(output.stdout.is_empty());
         }
     }
-    assert!(report["simd"].is_string());
-    assert!(report["left_out"].is_array());
-    assert!(report.get("mass_ratio").is_some_and(|ratio| ratio.is_number() || ratio.is_null()));
+    let output = folder.run(&["info", "wrong.vdb"]);
+    assert_eq!(
+        (code(&output), errors(&output).as_str()),
+        (3, "error: cannot read wrong.vdb: not a VDB file\n")
+    );
+    let output = folder.run(&["bake", "wrong.toml"]);
+    let message = errors(&output);
+    assert!(message.contains("wrong.toml:2:1") && message.contains("radius"), "{message}");
+    assert!(!message.contains('\u{1b}'), "colours only on a terminal");
+    assert_eq!(folder.made(), ["bytes.toml", "wrong.toml", "wrong.vdb"]);
 }
 
 #[test]
-fn progress_is_plain_lines_where_there_is_no_terminal() {
-    let folder = tempdir().expect("a temporary folder");
-    let output = run(&mut bake(&scenes()[0], &folder.path().join("out.vdb")));
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(DONE), "{message}");
-    let percentages: Vec<f64> = message
-        .lines()
-        .filter_map(|line| line.strip_prefix("Progress: ")?.strip_suffix('%'))
-        .map(|number| number.parse().expect("a percentage"))
-        .collect();
-    assert_eq!(percentages.last(), Some(&100.0), "{message}");
-    assert!(percentages.is_sorted(), "{message}");
-    assert!(!message.contains('\u{1b}') && !message.contains('\r'), "{message}");
+fn bake_reports_what_it_did() {
+    let folder = Folder::new();
+    let report = folder.json(&["bake", "bent.toml", "--threads", "2"]);
+    assert_eq!(report["output"], "bent.vdb");
+    assert_eq!(number(&report["bytes"]), folder.get("bent.vdb").len() as u64);
+    assert_eq!(report["threads"], 2);
+    assert_eq!(report["mass_ratio"], Value::Null);
+    assert!(report["simd"].is_string() && report["left_out"].is_array());
+    assert!(number(&report["active_voxels"]) > 1000);
+    assert!(number(&report["leaves"]) + number(&report["tiles"]) <= number(&report["planned_bricks"]));
+    assert!(number(&report["searched_voxels"]) >= number(&report["active_voxels"]));
+    for times in ["seconds", "cpu_seconds"] {
+        for phase in ["plan", "evaluate", "encode", "write", "total"] {
+            assert!(report[times][phase].as_f64().is_some_and(|time| time >= 0.0), "{times} {phase}");
+        }
+    }
+    if cfg!(target_os = "linux") {
+        assert!(number(&report["peak_rss_bytes"]) > 1 << 20);
+    }
+    let height =
+        report["bounds"][1][2].as_f64().expect("bounds") - report["bounds"][0][2].as_f64().expect("bounds");
+    assert_eq!(report["voxel_size"].as_f64().expect("a size"), height / 48.0);
 }
 
 #[test]
-fn without_o_the_scene_names_the_file() {
-    let folder = tempdir().expect("a temporary folder");
-    let scene = write(&folder.path().join("other.toml"), SOLID);
-    let output =
-        run(vdbake().current_dir(folder.path()).arg("bake").arg(&scene).args(["--resolution", "16"]));
-    assert_eq!(output.status.code(), Some(DONE), "{}", stderr(&output));
-    assert_eq!(names(folder.path()), ["other.toml", "solid.vdb"]);
+fn results_and_progress_do_not_mix() {
+    let folder = Folder::new();
+    let output = folder.run(&["bake", "bent.toml", "--explain"]);
+    assert!(text(&output).starts_with("bent.vdb"), "{}", text(&output));
+    assert!(text(&output).contains("left out"));
+    let progress = errors(&output);
+    assert!(progress.lines().all(|line| line.starts_with("Progress: ")), "{progress}");
+    assert!(progress.ends_with("Progress: 100.0%\n") && progress.lines().count() <= 20, "{progress}");
+    assert_eq!(errors(&folder.run(&["bake", "bent.toml", "--quiet"])), "");
 }
 
 #[test]
-fn an_unwritable_target_leaves_nothing_behind() {
-    let folder = tempdir().expect("a temporary folder");
-    let file = write(&folder.path().join("file"), "no folder");
-    let in_the_way = folder.path().join("folder.vdb");
-    fs::create_dir(&in_the_way).expect("a writable folder");
-    for target in [folder.path().join("missing/out.vdb"), file.join("out.vdb"), in_the_way] {
-        let output = run(&mut bake(&scenes()[0], &target));
-        assert_eq!(output.status.code(), Some(FAILED), "{}: {}", target.display(), stderr(&output));
-        let named = target.parent().and_then(Path::to_str).expect("a path of plain text");
-        assert!(stderr(&output).contains(named), "{}", stderr(&output));
-        assert_eq!(names(folder.path()), ["file", "folder.vdb"]);
+fn bytes_do_not_depend_on_the_number_of_threads() {
+    let folder = Folder::new();
+    let bake = |threads: &str| {
+        let report = folder.json(&["bake", "bent.toml", "--resolution", "96", "--threads", threads]);
+        (folder.get("bent.vdb"), report["content_sha256"].clone())
+    };
+    let one = bake("1");
+    for threads in ["2", "7"] {
+        assert!(bake(threads) == one, "{threads} threads");
     }
 }
 
 #[test]
-fn a_failed_bake_leaves_the_older_file() {
-    let folder = tempdir().expect("a temporary folder");
-    let target = write(&folder.path().join("out.vdb"), "older");
-    let intact = || {
-        assert_eq!(names(folder.path()), ["out.vdb"]);
-        assert_eq!(fs::read(&target).expect("a readable file"), b"older");
-    };
-
-    let elsewhere = tempdir().expect("a temporary folder");
-    let invalid = write(&elsewhere.path().join("scene.toml"), "tube = 3");
-    assert_eq!(run(&mut bake(&invalid, &target)).status.code(), Some(INVALID));
-    intact();
-
-    // As on a full disk: no file may grow beyond one block.
-    let full = bake(&scenes()[0], &target);
-    let mut shell = Command::new("bash");
-    shell
-        .args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$@\"", "bash"])
-        .arg(full.get_program())
-        .args(full.get_args());
-    let output = run(&mut shell);
-    assert_eq!(output.status.code(), Some(FAILED), "{}", stderr(&output));
-    intact();
+fn bytes_depend_on_neither_place_nor_memory() {
+    let folder = Folder::new();
+    folder.put("other.toml", SCENE);
+    folder.json(&["bake", "bent.toml", "-o", "a.vdb"]);
+    folder.json(&["bake", "other.toml", "-o", "b.VDB", "--memory", "100MB"]);
+    assert!(folder.get("a.vdb") == folder.get("b.VDB"));
 }
 
 #[test]
-fn a_finished_bake_replaces_the_older_file() {
-    let folder = tempdir().expect("a temporary folder");
-    let target = write(&folder.path().join("out.vdb"), "older");
-    let output = run(&mut bake(&scenes()[0], &target));
-    assert_eq!(output.status.code(), Some(DONE), "{}", stderr(&output));
-    assert_eq!(names(folder.path()), ["out.vdb"]);
-    assert_ne!(fs::read(&target).expect("a readable file"), b"older");
+fn recipe_is_in_the_file() {
+    let folder = Folder::new();
+    let arguments = ["bake", "bent.toml", "--voxel-size", "0.125", "--time", "-0.5", "--compression", "zip"];
+    let report = folder.json(&arguments);
+    let info = folder.json(&["info", "bent.vdb"]);
+    assert_eq!(info["kind"], "vdb");
+    assert_eq!(info["uuid"], report["uuid"]);
+    assert_eq!(info["metadata"]["vdbake_scene"], SCENE);
+    assert_eq!(info["metadata"]["vdbake_content_sha256"], report["content_sha256"]);
+    assert_eq!(info["metadata"]["creator"], concat!("vdbake ", env!("CARGO_PKG_VERSION")));
+    let settings = info["metadata"]["vdbake_settings"].as_str().expect("text");
+    let settings: Value = serde_json::from_str(settings).expect("JSON");
+    for (name, value) in [("voxel_size", 0.125), ("time", -0.5), ("cutoff", 0.0)] {
+        assert_eq!(settings[name], value);
+    }
+    assert_eq!(settings["compression"], "zip");
+    let grid = &info["grids"][0];
+    assert_eq!(grid["name"], "density");
+    assert_eq!(grid["class"], "fog volume");
+    assert_eq!(grid["compression"], "zip + active values");
+    assert_eq!(grid["active_voxels"], report["active_voxels"]);
+    // A voxel's value is that of its centre.
+    assert_eq!(grid["voxel_size"], serde_json::json!([0.125, 0.125, 0.125]));
+    assert_eq!(grid["translation"], serde_json::json!([0.0625, 0.0625, 0.0625]));
+}
+
+#[test]
+fn info_shortens_the_recipe_for_people() {
+    let folder = Folder::new();
+    folder.json(&["bake", "bent.toml"]);
+    let file = text(&folder.run(&["info", "bent.vdb"]));
+    assert!(file.contains("grid \"density\"") && file.contains("name = \"bent\" ..."), "{file}");
+    let scene = text(&folder.run(&["info", "bent.toml"]));
+    assert!(scene.contains("1 segment") && scene.contains("multiply perlin of 5 octaves"), "{scene}");
+    let scene = folder.json(&["info", "bent.toml"]);
+    assert_eq!(scene["kind"], "scene");
+    assert_eq!(scene["tubes"][0]["radius"], serde_json::json!([0.3, 0.3]));
+}
+
+#[test]
+fn a_vdb_file_is_known_by_its_content() {
+    let folder = Folder::new();
+    folder.json(&["bake", "bent.toml"]);
+    folder.put("volume", folder.get("bent.vdb"));
+    assert_eq!(folder.json(&["info", "volume"])["kind"], "vdb");
+}
+
+#[test]
+fn plan_bounds_what_the_bake_takes() {
+    let folder = Folder::new();
+    for compression in ["none", "zip", "blosc"] {
+        let with = |command| folder.json(&[command, "bent.toml", "--compression", compression]);
+        let (plan, bake) = (with("plan"), with("bake"));
+        assert_eq!(plan["planned_bricks"], bake["planned_bricks"]);
+        // What stands before the grid in the file is the recipe, less than 4 KiB here.
+        assert!(number(&bake["bytes"]) <= number(&plan["at_most"]["bytes"]) + 4096, "{compression}");
+        assert!(number(&bake["active_voxels"]) <= number(&plan["at_most"]["active_voxels"]));
+        // All bricks are in the sample, so nothing but the bytes of nodes is left to estimate.
+        assert_eq!(plan["estimated"]["sampled_bricks"], plan["planned_bricks"]);
+        assert_eq!(plan["estimated"]["active_voxels"], bake["active_voxels"]);
+        assert!(number(&plan["estimated"]["bytes"]) <= number(&plan["at_most"]["bytes"]));
+    }
+    assert_eq!(folder.made(), ["bent.vdb"]);
+}
+
+#[test]
+fn over_budget_names_a_voxel_size_that_fits() {
+    let folder = Folder::new();
+    folder.put("bent.vdb", "an earlier file");
+    for size in ["0.004", "0.0001", "1e-6"] {
+        let output = folder.run(&["bake", "bent.toml", "--memory", "2MiB", "--voxel-size", size]);
+        let message = errors(&output);
+        assert_eq!(code(&output), 1, "{message}");
+        assert!(message.contains("bricks") && message.contains("2.0 MiB"), "{message}");
+        assert_eq!(folder.get("bent.vdb"), b"an earlier file");
+
+        let (_, rest) = message.split_once("--voxel-size ").unwrap_or_else(|| panic!("{message}"));
+        let fits = rest.split_whitespace().next().expect("a size");
+        let report =
+            folder.json(&["bake", "bent.toml", "--memory", "2MiB", "--voxel-size", fits, "-o", "fits.vdb"]);
+        // Not so large that it would fit many times over.
+        assert!(number(&report["planned_bricks"]) > 200, "{message}");
+    }
+    assert_eq!(folder.made(), ["bent.vdb", "fits.vdb"]);
+    let output = folder.run(&["bake", "bent.toml", "--memory", "1"]);
+    assert_eq!(code(&output), 1);
+    assert!(!errors(&output).contains("--voxel-size"), "no size fits a byte");
+}
+
+#[test]
+fn beyond_the_range_of_indices_is_an_error() {
+    let folder = Folder::new();
+    let far = SCENE
+        .replace("[0, 0, 0], [0.5, 0, 1]", "[1e9, 0, 0], [1e9, 0, 1]")
+        .replace("[0, 0, 2]", "[1e9, 0, 2]");
+    folder.put("far.toml", far);
+    let output = folder.run(&["bake", "far.toml", "--voxel-size", "0.01"]);
+    assert_eq!(code(&output), 1);
+    assert!(errors(&output).contains("2^31"), "{}", errors(&output));
+    assert_eq!(folder.made(), ["far.toml"]);
+}
+
+#[test]
+fn a_folder_that_cannot_take_the_file_is_an_error() {
+    let folder = Folder::new();
+    fs::create_dir(folder.path("folder.vdb")).expect("a folder");
+    for path in ["missing/bent.vdb", "bent.toml/bent.vdb", "folder.vdb"] {
+        let output = folder.run(&["bake", "bent.toml", "-o", path]);
+        assert_eq!((code(&output), text(&output).as_str()), (1, ""), "{path}");
+        assert!(!errors(&output).contains("Progress"), "found out before the work: {}", errors(&output));
+    }
+    assert_eq!(folder.made(), ["folder.vdb"]);
+}
+
+#[test]
+fn an_empty_scene_makes_an_empty_grid() {
+    let folder = Folder::new();
+    folder.put("empty.toml", "");
+    let output = folder.run(&["bake", "empty.toml", "--resolution", "10"]);
+    assert_eq!((code(&output), errors(&output).starts_with("note: ")), (0, true));
+    let info = folder.json(&["info", "empty.vdb"]);
+    assert_eq!(info["grids"][0]["active_voxels"], 0);
+    assert_eq!(info["grids"][0]["bbox"], Value::Null);
+    assert_eq!(info["grids"][0]["voxel_size"][0], 0.1);
+    let report = folder.json(&["bake", "empty.toml"]);
+    assert_eq!((number(&report["active_voxels"]), &report["bounds"]), (0, &Value::Null));
+    assert_eq!(number(&folder.json(&["plan", "empty.toml"])["planned_bricks"]), 0);
+    assert_eq!(code(&folder.run(&["info", "empty.toml"])), 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_existing_file_is_replaced_as_a_whole() {
+    use std::os::unix::fs::{MetadataExt, symlink};
+    let folder = Folder::new();
+    fs::create_dir(folder.path("store")).expect("a folder");
+    folder.put("store/real.vdb", "an earlier file");
+    symlink("store/real.vdb", folder.path("bent.vdb")).expect("a link");
+    folder.json(&["bake", "bent.toml"]);
+    let is_link = |name: &str| fs::symlink_metadata(folder.path(name)).expect("a file").is_symlink();
+    assert!(is_link("bent.vdb") && !is_link("store/real.vdb"));
+    assert!(folder.get("store/real.vdb").starts_with(b" BDV"));
+    // Readable to whom a file made in the ordinary way is.
+    let mode = |name: &str| fs::metadata(folder.path(name)).expect("a file").mode();
+    assert_eq!(mode("store/real.vdb"), mode("bent.toml"));
+    assert_eq!(folder.made(), ["bent.vdb", "store"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_closed_pipe_is_no_failure() {
+    let folder = Folder::new();
+    for arguments in [&["info", "bent.toml"][..], &["bake", "bent.toml", "--json"]] {
+        let mut child =
+            folder.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("starts");
+        drop(child.stdout.take());
+        let output = child.wait_with_output().expect("ends");
+        assert_eq!(code(&output), 0, "{}", errors(&output));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_leaves_nothing_behind() {
+    let folder = Folder::new();
+    folder.put("bent.vdb", "an earlier file");
+    for signal in ["-INT", "-TERM"] {
+        // Some seconds of work.
+        let child = folder
+            .command(&["bake", "bent.toml", "--voxel-size", "0.0015", "--memory", "8GiB", "--quiet"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starts");
+        wait_for(|| folder.made().len() == 2);
+        let killed = Command::new("kill").args([signal, &child.id().to_string()]).status().expect("kill");
+        assert!(killed.success(), "the bake was over too soon");
+        let output = child.wait_with_output().expect("ends");
+        assert_eq!(output.status.code(), Some(130), "{}", errors(&output));
+        assert_eq!(errors(&output), "error: interrupted\n");
+        assert_eq!(folder.made(), ["bent.vdb"]);
+        assert_eq!(folder.get("bent.vdb"), b"an earlier file");
+    }
+}
+
+#[cfg(unix)]
+fn wait_for(condition: impl Fn() -> bool) {
+    // Far beyond what a busy machine takes; only a failure waits that long.
+    for _ in 0..12_000 {
+        if condition() {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    panic!("waited in vain");
+}
+
+#[test]
+fn scenes_of_the_project_can_be_planned() {
+    let folder = Folder::new();
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    for entry in fs::read_dir(scenes).expect("scenes") {
+        let path = entry.expect("an entry").path();
+        let plan = folder.json(&["plan", path.to_str().expect("UTF-8")]);
+        assert!(number(&plan["estimated"]["active_voxels"]) > 0, "{}", path.display());
+    }
 }

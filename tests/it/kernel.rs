@@ -117,9 +117,17 @@ const RMS: f64 = LARGEST / 30.0;
 
 fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
     let errors = errors(scene, resolution, 20_000, edge);
-    println!("{name} at {resolution}: largest {:.2e} at {:?}, rms {:.2e}, peak {:.3}", errors.largest, errors.at, errors.rms, errors.peak);
+    println!(
+        "{name} at {resolution}: largest {:.2e} at {:?}, rms {:.2e}, peak {:.3}",
+        errors.largest, errors.at, errors.rms, errors.peak
+    );
     assert!(errors.peak > 0.0, "{name}: nothing was compared");
-    assert!(errors.largest <= LARGEST * errors.peak, "{name} at {resolution}: {:e} at {:?}", errors.largest, errors.at);
+    assert!(
+        errors.largest <= LARGEST * errors.peak,
+        "{name} at {resolution}: {:e} at {:?}",
+        errors.largest,
+        errors.at
+    );
     assert!(errors.rms <= RMS * errors.peak, "{name} at {resolution}: rms {:e}", errors.rms);
 }
 
@@ -139,20 +147,53 @@ fn every_kind_of_tube_agrees_with_the_reference() {
     let smooth = "envelope = { radial = \"smooth\" }\n";
     let cases = [
         ("straight", "curve = { kind = \"quadratic\", points = [[0,0,0],[0,0,1],[0,0,2]] }\nradius = 0.3\n"),
-        ("nearly straight", "curve = { kind = \"quadratic\", points = [[0,0,0],[0,1e-7,1],[0,0,2]] }\nradius = 0.3\n"),
-        ("slow start", "curve = { kind = \"quadratic\", points = [[0,0,0],[0,0,0],[0,0.2,2]] }\nradius = 0.3\n"),
-        ("round", "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = 0.2\ncaps = \"round\"\ntwist = 2.0\n"),
-        ("corner", "curve = { kind = \"quadratic\", points = [[0,0,0],[0,0,0.5],[0,0,1],[0,0.5,1.2],[0,1,1.4]] }\nradius = 0.25\n"),
-        ("keyed", "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = [[0, 0.05], [0.3, 0.25], [0.6, 0.1], [1, 0.3]]\n"),
-        ("cone", "curve = { kind = \"quadratic\", points = [[0,0,0],[0.2,0,1],[0,0,2]] }\nradius = [[0, 0.0], [1, 0.4]]\n"),
-        ("metres", "curve = { kind = \"quadratic\", points = [[0,0,0],[0.5,0,1],[0,0,2]] }\nradius = 0.3\nstretch = false\n"),
-        ("frenet", "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = 0.2\nframe = \"frenet\"\n"),
-        ("two tubes", "curve = { kind = \"quadratic\", points = [[0,0,0],[0.5,0,1],[0,0,2]] }\nradius = 0.3\n[[tube]]\ncurve = { kind = \"quadratic\", points = [[0.5,0,0],[-0.5,0,1],[0.5,0,2]] }\nradius = 0.3\n"),
-        ("tight", "curve = { kind = \"quadratic\", points = [[0,0,0],[0.6,0,0.5],[0,0,1]] }\nradius = 0.45\n"),
+        (
+            "nearly straight",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0,1e-7,1],[0,0,2]] }\nradius = 0.3\n",
+        ),
+        (
+            "slow start",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0,0,0],[0,0.2,2]] }\nradius = 0.3\n",
+        ),
+        (
+            "round",
+            "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = 0.2\ncaps = \"round\"\ntwist = 2.0\n",
+        ),
+        (
+            "corner",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0,0,0.5],[0,0,1],[0,0.5,1.2],[0,1,1.4]] }\nradius = 0.25\n",
+        ),
+        (
+            "keyed",
+            "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = [[0, 0.05], [0.3, 0.25], [0.6, 0.1], [1, 0.3]]\n",
+        ),
+        (
+            "cone",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0.2,0,1],[0,0,2]] }\nradius = [[0, 0.0], [1, 0.4]]\n",
+        ),
+        (
+            "metres",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0.5,0,1],[0,0,2]] }\nradius = 0.3\nstretch = false\n",
+        ),
+        (
+            "frenet",
+            "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = 0.2\nframe = \"frenet\"\n",
+        ),
+        (
+            "two tubes",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0.5,0,1],[0,0,2]] }\nradius = 0.3\n[[tube]]\ncurve = { kind = \"quadratic\", points = [[0.5,0,0],[-0.5,0,1],[0.5,0,2]] }\nradius = 0.3\n",
+        ),
+        (
+            "tight",
+            "curve = { kind = \"quadratic\", points = [[0,0,0],[0.6,0,0.5],[0,0,1]] }\nradius = 0.45\n",
+        ),
     ];
     for (name, tube) in cases {
         let text = format!("[[tube]]\n{tube}{smooth}{layer}");
-        let text = text.replace("[[tube]]\ncurve = { kind = \"quadratic\", points = [[0.5", &format!("{smooth}{layer}[[tube]]\ncurve = {{ kind = \"quadratic\", points = [[0.5"));
+        let text = text.replace(
+            "[[tube]]\ncurve = { kind = \"quadratic\", points = [[0.5",
+            &format!("{smooth}{layer}[[tube]]\ncurve = {{ kind = \"quadratic\", points = [[0.5"),
+        );
         for resolution in [30.0, 150.0] {
             assert_close(name, &scene(&text), resolution, 0.0);
         }
@@ -166,7 +207,8 @@ fn no_density_lies_outside_the_planned_bricks() {
         let field = Field::compile(&scene, 0.0);
         let lattice = lattice(&field, 40.0);
         let plan = Plan::new(&field, lattice, 1 << 30).expect("a small plan");
-        let planned: std::collections::BTreeSet<[i32; 3]> = (0..plan.bricks()).map(|i| plan.origin(i)).collect();
+        let planned: std::collections::BTreeSet<[i32; 3]> =
+            (0..plan.bricks()).map(|i| plan.origin(i)).collect();
         let [lo, hi] = field.bounds().expect("the scene has density");
         let block = |x: f64| (x / lattice.voxel_size / 8.0).floor() as i32;
         let reference = Reference::new(&scene, 0.0, Some(lattice.voxel_size));

@@ -3,6 +3,7 @@
 
 mod cli;
 mod consumers;
+mod files;
 mod kernel;
 mod layers;
 mod noise;

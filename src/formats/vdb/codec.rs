@@ -30,6 +30,16 @@ impl Compression {
             Self::Blosc => FLAG_BLOSC | FLAG_ACTIVE_MASK,
         }
     }
+
+    /// No value block of this many entries takes more bytes.
+    pub(super) fn largest_block(self, entries: u64) -> u64 {
+        let framing = match self {
+            Self::None => 0,
+            Self::Zip => 8,
+            Self::Blosc => 8 + BLOSC_HEADER as u64,
+        };
+        1 + framing + 4 * entries
+    }
 }
 
 /// The words that OpenVDB uses for compression flags, such as `blosc + active values`.

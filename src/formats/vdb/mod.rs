@@ -19,6 +19,7 @@
 //! an active entry of their own store all entries: readers disagree about the shorter form.
 //! Bytes depend on nothing but the arguments, on every little-endian processor.
 
+mod bound;
 mod builder;
 mod codec;
 mod file;
@@ -30,6 +31,7 @@ mod topology;
 #[cfg(test)]
 mod tests;
 
+pub use bound::GridBound;
 pub use builder::{EncodedBricks, VdbGridBuilder, write};
 pub use codec::{Compression, Encoder};
 pub use file::{FileHeader, FileWriter, GridHeader, VdbWriteError};

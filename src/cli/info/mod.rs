@@ -1,0 +1,42 @@
+//! `vdbake info`: what is in a scene or an OpenVDB file.
+
+mod scene;
+mod vdb;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{Failure, Global, job};
+
+/// The first bytes of every OpenVDB file.
+const MAGIC: [u8; 8] = *b" BDV\0\0\0\0";
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// A scene, or an OpenVDB file
+    #[arg(value_name = "SCENE|FILE")]
+    file: PathBuf,
+}
+
+/// Tells.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let path = &arguments.file;
+    if is_vdb(path)? {
+        return global.show(&vdb::read(path)?, vdb::human);
+    }
+    global.show(&scene::describe(&job::read_scene(path)?), scene::human)
+}
+
+/// By its first bytes or its name.
+fn is_vdb(path: &Path) -> Result<bool, Failure> {
+    let failed = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
+    let mut start = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start))
+        .map_err(failed)?;
+    let named = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vdb"));
+    Ok(named || start == MAGIC)
+}

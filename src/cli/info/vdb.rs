@@ -1,0 +1,195 @@
+//! What an OpenVDB file holds.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::cli::{Failure, text};
+use crate::formats::vdb::{GridInfo, Meta, Metadata, read_info};
+
+/// As `--json` prints it.
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    kind: &'static str,
+    file: String,
+    /// Of the file.
+    bytes: u64,
+    version: u32,
+    library: String,
+    uuid: String,
+    metadata: BTreeMap<String, Value>,
+    grids: Vec<Grid>,
+}
+
+#[derive(Debug, Serialize)]
+struct Grid {
+    name: String,
+    #[serde(rename = "type")]
+    type_name: String,
+    /// Whether values are stored as binary16.
+    half: bool,
+    class: Option<String>,
+    instance_of: Option<String>,
+    compression: String,
+    map: String,
+    /// Edges of a voxel in metres; null for maps that are not affine.
+    voxel_size: Option<[f64; 3]>,
+    /// World position of index (0, 0, 0) in metres.
+    translation: Option<[f64; 3]>,
+    active_voxels: Option<i64>,
+    /// Smallest and largest index of an active voxel.
+    bbox: Option<[[i32; 3]; 2]>,
+    bytes: u64,
+    metadata: BTreeMap<String, Value>,
+}
+
+/// A metadata value.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+enum Value {
+    Text(String),
+    Flag(bool),
+    Integer(i64),
+    Number(f64),
+    Integers([i32; 3]),
+    Numbers([f64; 3]),
+    Other { r#type: String, bytes: usize },
+}
+
+impl From<&Meta> for Value {
+    fn from(meta: &Meta) -> Value {
+        match meta {
+            Meta::String(text) => Value::Text(text.clone()),
+            Meta::Bool(flag) => Value::Flag(*flag),
+            Meta::Int32(n) => Value::Integer((*n).into()),
+            Meta::Int64(n) => Value::Integer(*n),
+            Meta::Float(x) => Value::Number((*x).into()),
+            Meta::Double(x) => Value::Number(*x),
+            Meta::Vec3i(v) => Value::Integers(*v),
+            Meta::Vec3s(v) => Value::Numbers(v.map(f64::from)),
+            Meta::Vec3d(v) => Value::Numbers(*v),
+            Meta::Other { type_name, bytes } => {
+                Value::Other { r#type: type_name.clone(), bytes: bytes.len() }
+            }
+        }
+    }
+}
+
+impl Value {
+    fn human(&self) -> String {
+        match self {
+            Value::Text(text) => text::tidy(text),
+            Value::Flag(flag) => flag.to_string(),
+            Value::Integer(n) => n.to_string(),
+            Value::Number(x) => x.to_string(),
+            Value::Integers([x, y, z]) => format!("({x}, {y}, {z})"),
+            Value::Numbers([x, y, z]) => format!("({x}, {y}, {z})"),
+            Value::Other { r#type, bytes } => format!("{bytes} bytes of type {}", text::tidy(r#type)),
+        }
+    }
+}
+
+/// Reads the file's headers.
+pub(super) fn read(path: &Path) -> Result<Report, Failure> {
+    let name = path.display().to_string();
+    let mut file =
+        File::open(path).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    let bytes = file.metadata().map_or(0, |metadata| metadata.len());
+    let info =
+        read_info(&mut file).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    Ok(Report {
+        kind: "vdb",
+        file: name,
+        bytes,
+        version: info.version,
+        library: format!("{}.{}", info.library[0], info.library[1]),
+        uuid: info.uuid,
+        metadata: values(&info.metadata),
+        grids: info.grids.iter().map(grid).collect(),
+    })
+}
+
+fn values(metadata: &Metadata) -> BTreeMap<String, Value> {
+    metadata.iter().map(|(name, meta)| (name.clone(), meta.into())).collect()
+}
+
+fn grid(info: &GridInfo) -> Grid {
+    let entry = |name| info.metadata.get(name);
+    let corner = |name| match entry(name) {
+        Some(Meta::Vec3i(corner)) => Some(*corner),
+        _ => None,
+    };
+    Grid {
+        name: info.name.clone(),
+        type_name: info.type_name.clone(),
+        half: info.half,
+        class: match entry("class") {
+            Some(Meta::String(class)) => Some(class.clone()),
+            _ => None,
+        },
+        instance_of: (!info.instance_of.is_empty()).then(|| info.instance_of.clone()),
+        compression: info.compression.clone(),
+        map: info.map.type_name.clone(),
+        voxel_size: info.map.matrix.map(|rows| [0, 1, 2].map(|column| length(rows.map(|row| row[column])))),
+        translation: info.map.matrix.map(|rows| rows.map(|row| row[3])),
+        active_voxels: match entry("file_voxel_count") {
+            Some(Meta::Int64(count)) => Some(*count),
+            _ => None,
+        },
+        // An empty grid has its bounds inside out.
+        bbox: corner("file_bbox_min")
+            .zip(corner("file_bbox_max"))
+            .map(<[_; 2]>::from)
+            .filter(|[low, high]| low.iter().zip(high).all(|(low, high)| low <= high)),
+        bytes: info.bytes,
+        metadata: values(&info.metadata),
+    }
+}
+
+fn length([x, y, z]: [f64; 3]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+/// For people.
+pub(super) fn human(report: &Report) -> String {
+    let mut table = text::Table::default();
+    table.heading(format!("{}: an OpenVDB file of {}", report.file, text::bytes(report.bytes)));
+    table.row("version", format!("{} (library {})", report.version, report.library));
+    table.row("uuid", text::tidy(&report.uuid));
+    for (name, value) in &report.metadata {
+        table.row(&text::tidy(name), value.human());
+    }
+    for grid in &report.grids {
+        describe(grid, &mut table);
+    }
+    table.finish()
+}
+
+fn describe(grid: &Grid, table: &mut text::Table) {
+    let or_unknown = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
+    let half = if grid.half { ", stored as 16-bit floats" } else { "" };
+    table.heading(format!("grid \"{}\"", text::tidy(&grid.name)));
+    table.row("type", format!("{}{half}", text::tidy(&grid.type_name)));
+    table.row("class", or_unknown(grid.class.as_deref().map(text::tidy)));
+    if let Some(other) = &grid.instance_of {
+        table.row("shares", text::tidy(other));
+    }
+    table.row("compression", text::tidy(&grid.compression));
+    let size = grid.voxel_size.map(|[x, y, z]| {
+        if x == y && y == z {
+            format!("{} m", text::short(x))
+        } else {
+            format!("{} m", text::vector([x, y, z]))
+        }
+    });
+    table.row("voxel size", size.unwrap_or_else(|| format!("none, by a {}", text::tidy(&grid.map))));
+    table.row("translation", or_unknown(grid.translation.map(|at| format!("{} m", text::vector(at)))));
+    let active = grid.active_voxels.map(|n| u64::try_from(n).map_or_else(|_| n.to_string(), text::count));
+    table.row("active voxels", or_unknown(active));
+    let corner = |[x, y, z]: [i32; 3]| format!("({x}, {y}, {z})");
+    let bbox = grid.bbox.map(|[low, high]| format!("{} to {}", corner(low), corner(high)));
+    table.row("index bounds", bbox.unwrap_or_else(|| "none".to_owned()));
+    table.row("size", text::bytes(grid.bytes));
+}

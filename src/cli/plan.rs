@@ -1,0 +1,159 @@
+//! `vdbake plan`: what a bake would take.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::job::{self, Job, Options};
+use super::{Failure, Global, text};
+use crate::formats::vdb::{Compression, GridBound, VdbGridBuilder};
+use crate::num::Level;
+use crate::volume::{self, Plan};
+
+/// Bricks that are baked for the estimates.
+const SAMPLE: usize = 256;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The scene to plan for
+    scene: PathBuf,
+    #[command(flatten)]
+    options: Options,
+}
+
+/// What a bake would take, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Report {
+    scene: String,
+    time: f64,
+    voxel_size: f64,
+    /// Corners of the box around the density, in metres.
+    bounds: Option<[[f64; 3]; 2]>,
+    /// Voxels along each side of that box.
+    dimensions: [u64; 3],
+    compression: &'static str,
+    /// Exact: no other brick would be touched.
+    planned_bricks: u64,
+    at_most: Limits,
+    estimated: Estimate,
+    threads: usize,
+    simd: String,
+    left_out: Vec<String>,
+}
+
+/// Upper bounds.
+#[derive(Debug, Serialize)]
+struct Limits {
+    active_voxels: u64,
+    /// Of the grid in the file, without metadata.
+    bytes: u64,
+    /// That the bricks take in memory.
+    memory_bytes: u64,
+}
+
+/// What a sample of the bricks lets expect.
+#[derive(Debug, Serialize)]
+struct Estimate {
+    sampled_bricks: u64,
+    active_voxels: u64,
+    bytes: u64,
+    seconds: f64,
+    cpu_seconds: f64,
+}
+
+/// Plans.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let started = Instant::now();
+    let pool = global.pool()?;
+    let job = Job::new(&arguments.scene, &arguments.options)?;
+    let plan = pool.install(|| job.plan())?;
+    let planning = started.elapsed().as_secs_f64();
+    let bound = GridBound::new(job.compression, plan.origins());
+    let threads = pool.current_num_threads();
+    let report = Report {
+        scene: job.scene.name().to_owned(),
+        time: job.settings.time,
+        voxel_size: job.lattice.voxel_size,
+        bounds: job.bounds,
+        dimensions: job.dimensions(),
+        compression: job.settings.compression,
+        planned_bricks: plan.bricks() as u64,
+        at_most: Limits {
+            active_voxels: 512 * plan.bricks() as u64,
+            bytes: bound.bytes(),
+            memory_bytes: job::memory(&plan),
+        },
+        estimated: pool.install(|| estimate(&job, &plan, bound, planning, threads))?,
+        threads,
+        simd: Level::best().name(),
+        left_out: job.field.left_out(job.lattice),
+    };
+    global.show(&report, |report| human(report, arguments.options.explain))
+}
+
+/// Bakes some of the bricks and scales up what they took.
+fn estimate(
+    job: &Job,
+    plan: &Plan,
+    bound: GridBound,
+    planning: f64,
+    threads: usize,
+) -> Result<Estimate, Failure> {
+    let sample = plan.sample(SAMPLE);
+    let mut grid = VdbGridBuilder::new(job.compression);
+    let cutoff = job.scene.bake().cutoff;
+    let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
+        .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
+    let scale = |part: u64| {
+        let (part, whole) = (u128::from(part), plan.bricks() as u128);
+        u64::try_from(part * whole / (sample.bricks() as u128).max(1)).unwrap_or(u64::MAX)
+    };
+    // The nodes above leaves take their full size only where nothing is compressed.
+    let nodes = bound.masks - 64 * plan.bricks() as u64
+        + if job.compression == Compression::None { bound.entries } else { 0 };
+    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+    let (factor, threads) = (plan.bricks() as f64 / sample.bricks().max(1) as f64, threads as f64);
+    let cpu = factor * (phases.evaluate + phases.encode + phases.append);
+    Ok(Estimate {
+        sampled_bricks: sample.bricks() as u64,
+        active_voxels: scale(tally.active_voxels),
+        bytes: nodes + scale(grid.encoded_bytes() + 64 * grid.stats().leaves),
+        seconds: planning + cpu / threads,
+        cpu_seconds: planning + cpu,
+    })
+}
+
+fn human(report: &Report, explain: bool) -> String {
+    let mut table = text::Table::default();
+    let (most, estimated) = (&report.at_most, &report.estimated);
+    table.heading(&report.scene);
+    table.row("bounds", text::bounds(report.bounds));
+    table.row("voxel size", text::voxels(report.voxel_size, report.dimensions));
+    table.row("bricks", format!("{} of 8^3 voxels", text::count(report.planned_bricks)));
+    table.row(
+        "at most",
+        format!(
+            "{} active voxels, {} in the file, {} of memory",
+            text::count(most.active_voxels),
+            text::bytes(most.bytes),
+            text::bytes(most.memory_bytes),
+        ),
+    );
+    table.row(
+        "estimated",
+        format!(
+            "{} active voxels, {} in the file, {} on {} threads (from {} bricks)",
+            text::count(estimated.active_voxels),
+            text::bytes(estimated.bytes),
+            text::seconds(estimated.seconds),
+            report.threads,
+            estimated.sampled_bricks,
+        ),
+    );
+    if explain {
+        table.rows("left out", &report.left_out, "nothing");
+    }
+    table.finish()
+}
