@@ -225,7 +225,7 @@ mod tests {
             let tangent = if k < 100 {
                 random.point().normalize()
             } else {
-                (-DVec3::Z + 0.8_f64.powi(k - 100) * random.point()).normalize()
+                (-DVec3::Z + libm::pow(0.8, f64::from(k - 100)) * random.point()).normalize()
             };
             let f = Frame::on(tangent);
             assert_orthonormal(&f);
@@ -241,8 +241,11 @@ mod tests {
         let mut random = Random(21);
         for k in 0..300 {
             let f = Frame::on(random.point().normalize());
-            let to =
-                if k < 100 { random.point() } else { -f.tangent + 0.9_f64.powi(k - 100) * random.point() };
+            let to = if k < 100 {
+                random.point()
+            } else {
+                -f.tangent + libm::pow(0.9, f64::from(k - 100)) * random.point()
+            };
             let g = f.bent(to.normalize());
             assert_orthonormal(&g);
             let axis = f.tangent.cross(g.tangent);

@@ -106,11 +106,11 @@ mod tests {
     fn rules_are_exact_to_their_degree() {
         for k in [0, 2, 8, 14] {
             let exact = 1.0 / (f64::from(k) + 1.0);
-            assert!((gauss(&GAUSS_8, 0.0, 1.0, |t| t.powi(k)) - exact).abs() < 2e-16);
+            assert!((gauss(&GAUSS_8, 0.0, 1.0, |t| libm::pow(t, f64::from(k))) - exact).abs() < 2e-16);
         }
         for k in [0, 2, 17, 30] {
             let exact = 1.0 / (f64::from(k) + 1.0);
-            assert!((gauss(&GAUSS_16, 0.0, 1.0, |t| t.powi(k)) - exact).abs() < 4e-16);
+            assert!((gauss(&GAUSS_16, 0.0, 1.0, |t| libm::pow(t, f64::from(k))) - exact).abs() < 4e-16);
         }
     }
 

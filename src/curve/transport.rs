@@ -222,7 +222,7 @@ mod tests {
             let exact = carried(&cubic, &start);
             let error = |n| double_reflection(&cubic, &start, uniform(n)).normal.distance(exact.normal);
             // Asymptotic at 128 steps: order 4, of which 3.8 is asked.
-            assert!(error(512) < 1e-7 && error(128) / error(256) > 2.0_f64.powf(3.8));
+            assert!(error(512) < 1e-7 && error(128) / error(256) > libm::exp2(3.8));
             // Rounding of 20 000 steps; their own error is far below.
             assert!(error(20_000) < 1e-11, "{:e}", error(20_000));
         }
@@ -344,7 +344,7 @@ mod tests {
         let start = |segment: &Segment| leaning(DVec3::Z, segment.tangent(0.0));
         let flat = carried(&s(0.0), &start(&s(0.0)));
         for k in 2..16 {
-            let out = 0.1_f64.powi(k);
+            let out = libm::pow(0.1, f64::from(k));
             let end = carried(&s(out), &start(&s(out)));
             // The tangent leaves the plane by about out, the turn is of that order; then rounding.
             assert!(end.binormal.distance(flat.binormal) < 20.0 * out + 1e-11, "{k}");
@@ -355,7 +355,7 @@ mod tests {
     fn near_cusps_out_of_the_plane() {
         for k in 1..12 {
             // C' = (2 t - 1, (2 t - 1)^2, out): at the middle the tangent swings from -x over z to +x.
-            let out = 0.1_f64.powi(k);
+            let out = libm::pow(0.1, f64::from(k));
             let cubic = Segment::cubic([
                 DVec3::ZERO,
                 dvec3(-1.0, 1.0, out) / 3.0,

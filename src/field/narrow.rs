@@ -405,7 +405,7 @@ fn refine(segment: &Segment, interval: Interval, block: Block, depth: u32, found
     if certified || is_short {
         match found.last_mut() {
             Some(last) if certified && last.certified && last.t[1] == interval.t[0] => {
-                last.t[1] = interval.t[1]
+                last.t[1] = interval.t[1];
             }
             _ => found.push(Interval { certified, ..interval }),
         }

@@ -117,10 +117,6 @@ const RMS: f64 = LARGEST / 30.0;
 
 fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
     let errors = errors(scene, resolution, 20_000, edge);
-    println!(
-        "{name} at {resolution}: largest {:.2e} at {:?}, rms {:.2e}, peak {:.3}",
-        errors.largest, errors.at, errors.rms, errors.peak
-    );
     assert!(errors.peak > 0.0, "{name}: nothing was compared");
     assert!(
         errors.largest <= LARGEST * errors.peak,
@@ -210,6 +206,7 @@ fn no_density_lies_outside_the_planned_bricks() {
         let planned: std::collections::BTreeSet<[i32; 3]> =
             (0..plan.bricks()).map(|i| plan.origin(i)).collect();
         let [lo, hi] = field.bounds().expect("the scene has density");
+        #[allow(clippy::cast_possible_truncation, reason = "some dozens of bricks")]
         let block = |x: f64| (x / lattice.voxel_size / 8.0).floor() as i32;
         let reference = Reference::new(&scene, 0.0, Some(lattice.voxel_size));
         let mut outside = Vec::new();
@@ -256,7 +253,6 @@ fn single_precision_agrees_with_double() {
                 peak = peak.max(b);
             }
         }
-        println!("{name}: single against double {largest:.2e} of peak {peak:.3}");
         assert!(largest <= LARGEST * peak, "{name}: {largest:e} of {peak}");
     }
 }

@@ -56,6 +56,7 @@ fn lanes_agree_with_the_reference_as_well_at_a_billion_cells_as_at_the_origin() 
             for (p, value) in points.iter().zip(found) {
                 // Whole cells and fractions apart: exact, as all are multiples of 2^-17.
                 let at = [0, 1, 2].map(|axis| f64::from(p[axis]) + (origin[axis] - origin[axis].floor()));
+                #[allow(clippy::cast_possible_truncation, reason = "whole numbers below 2^53")]
                 let cell = [0, 1, 2].map(|axis| origin[axis].floor() as i64 + at[axis].floor() as i64);
                 let truth = reference::perlin(cell, at.map(|x| x - x.floor()), seed);
                 // Eight products of gradient and offset and seven blends, each within 6e-8 of terms below 1.
