@@ -1,6 +1,6 @@
 //! From a compiled field to sparse bricks: the plan of candidates, their evaluation, and the sinks they go to.
 //!
-//! [`Plan::new`] finds every brick that can hold density, before any memory for values is taken. [`bake`] evaluates them
+//! [`Plan::new`] finds every brick that can hold density, before any memory for values is taken. [`bake()`] evaluates them
 //! on all threads and hands those that hold something to a [`Sink`], in file order: the same bricks in the same order
 //! whatever the number of threads.
 
