@@ -1,7 +1,7 @@
 //! The program as scripts and people meet it: exit codes, what is printed where, and which files are left.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
@@ -410,9 +410,7 @@ fn wait_for(condition: impl Fn() -> bool) {
 #[test]
 fn scenes_of_the_project_can_be_planned() {
     let folder = Folder::new();
-    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    for entry in fs::read_dir(scenes).expect("scenes") {
-        let path = entry.expect("an entry").path();
+    for path in crate::support::scenes() {
         let plan = folder.json(&["plan", path.to_str().expect("UTF-8")]);
         assert!(number(&plan["estimated"]["active_voxels"]) > 0, "{}", path.display());
     }
