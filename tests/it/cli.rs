@@ -188,28 +188,6 @@ fn results_and_progress_do_not_mix() {
 }
 
 #[test]
-fn bytes_do_not_depend_on_the_number_of_threads() {
-    let folder = Folder::new();
-    let bake = |threads: &str| {
-        let report = folder.json(&["bake", "bent.toml", "--resolution", "96", "--threads", threads]);
-        (folder.get("bent.vdb"), report["content_sha256"].clone())
-    };
-    let one = bake("1");
-    for threads in ["2", "7"] {
-        assert!(bake(threads) == one, "{threads} threads");
-    }
-}
-
-#[test]
-fn bytes_depend_on_neither_place_nor_memory() {
-    let folder = Folder::new();
-    folder.put("other.toml", SCENE);
-    folder.json(&["bake", "bent.toml", "-o", "a.vdb"]);
-    folder.json(&["bake", "other.toml", "-o", "b.VDB", "--memory", "100MB"]);
-    assert!(folder.get("a.vdb") == folder.get("b.VDB"));
-}
-
-#[test]
 fn recipe_is_in_the_file() {
     let folder = Folder::new();
     let arguments = ["bake", "bent.toml", "--voxel-size", "0.125", "--time", "-0.5", "--compression", "zip"];

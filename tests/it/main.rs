@@ -8,4 +8,5 @@ mod kernel;
 mod layers;
 mod noise;
 mod oracle;
+mod same_bytes;
 mod support;
