@@ -66,6 +66,8 @@ impl<T: Scalar> Default for Scratch<T> {
 pub struct Counts {
     /// Entered the search for feet.
     pub searched: u64,
+    /// Went through bisection: pieces not certified to hold one foot at most, or where Newton's method did not settle.
+    pub bisected: u64,
     /// Have a foot and lie inside the tube.
     pub inside: u64,
 }
@@ -95,6 +97,7 @@ pub fn evaluate<R: Real>(
                     _ => false,
                 };
                 if !settled {
+                    counts.bisected += VOXELS as u64;
                     bracket::<R>(token, piece, scratch);
                 }
                 coordinates::<R>(token, piece, scratch)

@@ -34,6 +34,8 @@ pub struct Tally {
     pub active_voxels: u64,
     /// Lanes that entered the search for feet.
     pub searched_voxels: u64,
+    /// Lanes of these that went through bisection: near cusps and folds, and where axes meet.
+    pub bisected_voxels: u64,
     /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
     /// SHA-256 over all active bricks in file order: see [`bake`].
@@ -74,6 +76,7 @@ pub fn bake<S: Sink>(
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
             tally.searched_voxels += done.counts.searched;
+            tally.bisected_voxels += done.counts.bisected;
             tally.inside_voxels += done.counts.inside;
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
@@ -148,6 +151,7 @@ impl Worker {
             let mut brick = Brick { origin: plan.origin(index), mask: [0; 8], values: [0.0; VOXELS] };
             let counts = evaluate_brick(level, &self.region, &mut self.scratch, cutoff, &mut brick);
             done.counts.searched += counts.searched;
+            done.counts.bisected += counts.bisected;
             done.counts.inside += counts.inside;
             let active = brick.active();
             if active > 0 {
