@@ -80,6 +80,25 @@ pub struct Lattice {
     pub voxel_size: f64,
 }
 
+/// The part of a block that feet are sought for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// The box of its voxels' centres.
+    Centres,
+    /// All of it.
+    Whole,
+}
+
+impl Extent {
+    /// Half its edge, in voxels.
+    pub(crate) fn half_edge(self) -> f64 {
+        match self {
+            Extent::Centres => 3.5,
+            Extent::Whole => 4.0,
+        }
+    }
+}
+
 /// Voxels along an edge of a block.
 pub const EDGE: usize = 8;
 /// Voxels in a block.

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::cover::{Capsule, REACH, Reach, support};
+use super::cover::{Capsule, Reach, support};
 use super::region::{FOOT, Layer, LayerKind, Octave, Piece, ROWS, Region, SECOND, Search, U, V, round};
 use super::span::Span;
 use super::tube::{self, PointKind, Tube};
-use super::{Field, Lattice};
+use super::{Extent, Field, Lattice};
 use crate::curve::Segment;
 use crate::noise::{self, BAND};
 use crate::num::Scalar;
@@ -43,7 +43,7 @@ struct Block {
     centre: DVec3,
     /// Edge of a voxel.
     h: f64,
-    /// Half the distance between the first and last voxel centre along an edge.
+    /// Half the edge of its extent.
     half_edge: f64,
 }
 
@@ -51,10 +51,11 @@ impl Field {
     /// Narrows the field to the block of 8^3 voxels whose coordinates, in blocks, are `block`.
     ///
     /// `cover` is the field's cover for this lattice, and `candidates` the capsules of it, ascending, that reach the
-    /// block. `region` is overwritten; its memory is kept from block to block.
+    /// block's `extent`. `region` is overwritten; its memory is kept from block to block.
     pub fn narrow<T: Scalar>(
         &self,
         lattice: Lattice,
+        extent: Extent,
         cover: &[Capsule],
         candidates: &[Candidate],
         block: [i64; 3],
@@ -66,7 +67,7 @@ impl Field {
         let h = lattice.voxel_size;
         #[allow(clippy::cast_precision_loss, reason = "block coordinates fit 29 bits")]
         let centre = DVec3::from(block.map(|b| (b as f64 + 0.5) * 8.0 * h));
-        let block = Block { centre, h, half_edge: REACH * h };
+        let block = Block { centre, h, half_edge: extent.half_edge() * h };
         let mut rest = candidates;
         while let [first, ..] = rest {
             let capsule = cover[*first as usize];

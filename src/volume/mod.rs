@@ -6,12 +6,15 @@
 
 mod bake;
 mod brick;
+mod dispatch;
 mod plan;
+mod points;
 mod store;
 
 pub use bake::{Phases, Tally, bake};
 pub use brick::{Brick, Sink};
 pub use plan::{Plan, PlanError};
+pub use points::density_at;
 pub use store::Store;
 
 pub use crate::field::Lattice;
