@@ -4,8 +4,10 @@
 mod cli;
 mod consumers;
 mod files;
+mod hostile;
 mod kernel;
 mod layers;
 mod noise;
 mod oracle;
+mod reader;
 mod support;
