@@ -1,14 +1,14 @@
-//! A grid's tree in memory.
+//! Sparse values in memory.
 
-use super::super::topology::{LOG2_EDGE, Leaf, Stats, Tile, active_box, align, grow, last_voxel};
 use super::node::{Entry, Node};
+use super::shape::{LOG2_EDGE, Leaf, Stats, Tile, active_box, align, grow, last_voxel};
 use super::value::Value;
 
 /// Leaves whose values are kept in one piece of memory.
-pub(super) const PAGE: usize = 64;
+pub(crate) const PAGE: usize = 64;
 
 /// The values of up to [`PAGE`] leaves.
-pub(super) type Page<T> = Box<[[T; 512]]>;
+pub(crate) type Page<T> = Box<[[T; 512]]>;
 
 /// A sparse grid of values over all indices (x, y, z) of 32 bits, as OpenVDB has it: a root of cubes of 4096^3 voxels,
 /// each of them a tile with one value, or a node of 32^3 cubes of 128^3 voxels, those in turn tiles or nodes of 16^3 cubes
@@ -18,20 +18,20 @@ pub(super) type Page<T> = Box<[[T; 512]]>;
 /// All values are those of the file, to the bit, those of inactive voxels and tiles included.
 #[derive(Debug, Clone)]
 pub struct Tree<T> {
-    pub(super) background: T,
+    pub(crate) background: T,
     /// Sorted by origin, as are the upper nodes; the lower nodes and the leaves are in the order of their parents' entries.
-    pub(super) root_tiles: Vec<RootTile<T>>,
-    pub(super) uppers: Vec<Node<T>>,
-    pub(super) lowers: Vec<Node<T>>,
-    pub(super) leaves: Vec<Leaf>,
-    pub(super) pages: Vec<Page<T>>,
+    pub(crate) root_tiles: Vec<RootTile<T>>,
+    pub(crate) uppers: Vec<Node<T>>,
+    pub(crate) lowers: Vec<Node<T>>,
+    pub(crate) leaves: Vec<Leaf>,
+    pub(crate) pages: Vec<Page<T>>,
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RootTile<T> {
-    pub(super) origin: [i32; 3],
-    pub(super) value: T,
-    pub(super) active: bool,
+pub(crate) struct RootTile<T> {
+    pub(crate) origin: [i32; 3],
+    pub(crate) value: T,
+    pub(crate) active: bool,
 }
 
 /// A leaf of a [`Tree`]: 8^3 voxels.
@@ -196,7 +196,7 @@ fn offset(index: [i32; 3], level: usize) -> usize {
 }
 
 /// The first voxel of an entry of a lower (`level` 1) or upper (2) node.
-pub(super) fn child_origin(origin: [i32; 3], at: usize, level: usize) -> [i32; 3] {
+pub(crate) fn child_origin(origin: [i32; 3], at: usize, level: usize) -> [i32; 3] {
     let (shift, log2) = if level == 1 { (3, 4) } else { (7, 5) };
     let mut place = [0; 3];
     for (axis, part) in (0..3).rev().zip(&mut place) {
