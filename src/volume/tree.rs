@@ -1,5 +1,6 @@
 //! Sparse values in memory.
 
+use super::accessor::{Content, Cube};
 use super::node::{Entry, Node};
 use super::shape::{LOG2_EDGE, Leaf, Stats, Tile, active_box, align, grow, last_voxel};
 use super::value::Value;
@@ -74,6 +75,32 @@ impl<T: Value> Tree<T> {
                 let at = offset(index, 0);
                 Some((*leaf.values.get(at)?, (leaf.mask.get(at / 64)? >> (at % 64)) & 1 == 1))
             }
+        }
+    }
+
+    /// The largest cube around an index that is a leaf, a tile or background throughout.
+    pub(crate) fn cube(&self, index: [i32; 3]) -> Cube<'_, T> {
+        let uniform = |level: usize, value| {
+            Cube::new(index, LOG2_EDGE.get(level).copied().unwrap_or(0), Content::Uniform(value))
+        };
+        let origin = align(index, LOG2_EDGE[2]);
+        let Ok(upper) = self.uppers.binary_search_by_key(&origin, |upper| upper.origin) else {
+            return uniform(2, self.value(index).0);
+        };
+        let entry =
+            |nodes: &[Node<T>], at: usize, level| nodes.get(at).map(|node| node.entry(offset(index, level)));
+        let lower = match entry(&self.uppers, upper, 2) {
+            Some(Entry::Child(lower)) => lower,
+            Some(Entry::Tile(value, _)) => return uniform(1, value),
+            None => return uniform(1, self.background),
+        };
+        match entry(&self.lowers, lower, 1) {
+            Some(Entry::Child(leaf)) => self.leaf(leaf).map_or_else(
+                || uniform(0, self.background),
+                |leaf| Cube::new(index, LOG2_EDGE[0], Content::Leaf(leaf.values)),
+            ),
+            Some(Entry::Tile(value, _)) => uniform(0, value),
+            None => uniform(0, self.background),
         }
     }
 
@@ -186,7 +213,7 @@ fn tiles_of<T: Value>(nodes: &[Node<T>], level: usize) -> impl Iterator<Item = (
 }
 
 /// The place of an index among the entries of its lower node (`level` 1), upper node (2), or leaf (0).
-fn offset(index: [i32; 3], level: usize) -> usize {
+pub(super) fn offset(index: [i32; 3], level: usize) -> usize {
     let (shift, log2) = match level {
         0 => (0, 3),
         1 => (3, 4),
