@@ -1,4 +1,4 @@
-//! What `bake` and `plan` share: a scene, the settings after defaults and overrides, and the memory they may take.
+//! What commands share that take a scene: the scene, the settings after defaults and overrides, and the memory they may take.
 
 use std::fs::File;
 use std::io::Read;
@@ -23,23 +23,31 @@ const IN_FLIGHT: u64 = 8192;
 /// Settings of a size lie between this and its inverse.
 const SMALLEST: f64 = 1e-9;
 
+/// What a scene is compiled with.
 #[derive(Debug, Args)]
-pub(super) struct Options {
+pub(super) struct SceneOptions {
     /// Edge of a voxel in metres [default: what the scene says]
     #[arg(long, value_name = "H", value_parser = size, conflicts_with = "resolution")]
     voxel_size: Option<f64>,
     /// Voxels along the longest side of the density's bounds [default: what the scene says, else 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     resolution: Option<u32>,
-    /// How values are compressed, always without loss
-    #[arg(long, value_enum, default_value_t = Codec::Blosc)]
-    compression: Codec,
-    /// Seconds after the scene's start frame
-    #[arg(long, value_name = "T", value_parser = time, default_value_t = 0.0, allow_negative_numbers = true)]
-    time: f64,
+    /// Seconds after the scene's start frame [default: 0]
+    #[arg(long, value_name = "T", value_parser = time, allow_negative_numbers = true)]
+    time: Option<f64>,
     /// Memory to work in, such as 500MB or 2GiB [default: three quarters of the machine's]
     #[arg(long, value_name = "SIZE")]
     memory: Option<ByteSize>,
+}
+
+/// What a bake is made with.
+#[derive(Debug, Args)]
+pub(super) struct Options {
+    #[command(flatten)]
+    scene: SceneOptions,
+    /// How values are compressed, always without loss
+    #[arg(long, value_enum, default_value_t = Codec::Blosc)]
+    compression: Codec,
     /// Tell what was left out of the evaluation, and why
     #[arg(long)]
     pub(super) explain: bool,
@@ -64,6 +72,52 @@ fn time(text: &str) -> Result<f64, String> {
     time.map(|time| time + 0.0).ok_or_else(|| "expected seconds, a number from -1e9 to 1e9".to_owned())
 }
 
+impl SceneOptions {
+    /// The first of these options that only a scene has a use for, if one is given.
+    pub(super) fn for_scenes_only(&self) -> Option<&'static str> {
+        let given = [
+            (self.voxel_size.is_some(), "--voxel-size"),
+            (self.resolution.is_some(), "--resolution"),
+            (self.time.is_some(), "--time"),
+        ];
+        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
+    /// Bytes of memory to work in.
+    pub(super) fn budget(&self) -> u64 {
+        self.memory.map_or_else(machine::default_budget, |memory| memory.0)
+    }
+}
+
+/// A scene compiled for one time and voxel size.
+#[derive(Debug)]
+pub(super) struct Compiled {
+    pub(super) scene: Scene,
+    pub(super) field: Field,
+    pub(super) lattice: Lattice,
+    /// Seconds.
+    pub(super) time: f64,
+    /// Corners of the box around the density, in metres; `None` where there is none.
+    pub(super) bounds: Option<[[f64; 3]; 2]>,
+}
+
+impl Compiled {
+    /// Reads the scene and settles what the options leave open.
+    pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
+        let scene = read_scene(path)?;
+        let time = options.time.unwrap_or(0.0);
+        let field = Field::compile(&scene, time);
+        let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
+        let step = match (options.voxel_size, options.resolution) {
+            (Some(size), _) => Step::VoxelSize(size),
+            (None, Some(resolution)) => Step::Resolution(resolution),
+            (None, None) => scene.bake().step,
+        };
+        let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        Ok(Compiled { scene, field, lattice, time, bounds })
+    }
+}
+
 /// A scene ready to be planned.
 #[derive(Debug)]
 pub(super) struct Job {
@@ -81,15 +135,7 @@ pub(super) struct Job {
 impl Job {
     /// Reads the scene and settles what the options leave open.
     pub(super) fn new(path: &Path, options: &Options) -> Result<Job, Failure> {
-        let scene = read_scene(path)?;
-        let field = Field::compile(&scene, options.time);
-        let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
-        let step = match (options.voxel_size, options.resolution) {
-            (Some(size), _) => Step::VoxelSize(size),
-            (None, Some(resolution)) => Step::Resolution(resolution),
-            (None, None) => scene.bake().step,
-        };
-        let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        let Compiled { scene, field, lattice, time, bounds } = Compiled::new(path, &options.scene)?;
         let compression = match options.compression {
             Codec::Blosc => Compression::Blosc,
             Codec::Zip => Compression::Zip,
@@ -98,12 +144,12 @@ impl Job {
         let settings = Settings {
             grids: ["density"],
             voxel_size: lattice.voxel_size,
-            time: options.time,
+            time,
             compression: compression_name(compression),
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
         };
-        let budget = options.memory.map_or_else(machine::default_budget, |memory| memory.0);
+        let budget = options.scene.budget();
         Ok(Job { scene, field, lattice, compression, settings, bounds, budget })
     }
 

@@ -11,4 +11,5 @@ mod noise;
 mod oracle;
 mod reader;
 mod same_bytes;
+mod sample;
 mod support;
