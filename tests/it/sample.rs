@@ -10,7 +10,7 @@ use tempfile::tempdir;
 use vdbake::formats::npy::{self, Array, Values};
 use vdbake::formats::vdb::VdbFile;
 
-use crate::oracle::{openvdb_make, openvdb_probe, vdb_tool};
+use crate::oracle::{judge, openvdb_make, openvdb_probe, vdb_tool};
 use crate::support::{bake, evaluated, random, scenes_with_tiles, stderr, stdout, vdbake, write};
 
 /// A straight tube whose density falls linearly from 1 on the axis to 0 at the radius of 1.
@@ -21,6 +21,27 @@ curve = { points = [[0.1, 0.2, -2], [0.1, 0.2, 0], [0.1, 0.2, 2]] }
 radius = 1
 caps = "flat"
 envelope = { radial = "linear" }
+"#;
+
+/// Saves two points in every form that NumPy has for them, and in two that are refused.
+const SAVE: &str = r#"
+import numpy as np
+points = np.array([[0.25, 0.5, 0.125], [-0.5, 0.25, 1.5]])
+for kind in "<f4", "<f8", ">f4", ">f8":
+    order = "big" if kind[0] == ">" else "little"
+    for version in 1, 2, 3:
+        with open(f"{kind[1:]}_{order}_{version}.npy", "wb") as file:
+            np.lib.format.write_array(file, points.astype(kind), (version, 0))
+np.save("fortran.npy", np.asfortranarray(points))
+np.save("whole.npy", points.astype(int))
+"#;
+
+/// Prints the type, the shape and the elements of two arrays.
+const LOAD: &str = r#"
+import numpy as np
+for name in "single.npy", "double.npy":
+    array = np.load(name)
+    print(array.dtype.str, *array.shape, *array.tolist())
 "#;
 
 fn cone(p: [f64; 3]) -> f64 {
@@ -338,6 +359,47 @@ fn points_and_values_come_in_all_forms() {
 
     let none = succeed(folder.path(), &["cone.toml", "--points", "-"], "# nothing\n");
     assert_eq!(stdout(&none), "x,y,z,value\n");
+}
+
+#[test]
+fn numpy_reads_and_writes_the_same_arrays() {
+    let folder = tempdir().expect("a temporary folder");
+    write(&folder.path().join("cone.toml"), CONE);
+    let python = |script: &str| {
+        let output = judge("VDBAKE_BPY_PYTHON").current_dir(folder.path()).args(["-c", script]).output();
+        let output = output.expect("Python starts");
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output)
+    };
+    python(SAVE);
+    let expected = succeed(folder.path(), &["cone.toml", "--points", "f8_little_1.npy"], "").stdout;
+    for kind in ["f4", "f8"] {
+        for (order, version) in ["little", "big"].into_iter().flat_map(|order| [1, 2, 3].map(|v| (order, v)))
+        {
+            let name = format!("{kind}_{order}_{version}.npy");
+            assert_eq!(
+                succeed(folder.path(), &["cone.toml", "--points", &name], "").stdout,
+                expected,
+                "{name}"
+            );
+        }
+    }
+    for (name, part) in [("fortran.npy", "Fortran"), ("whole.npy", "i8")] {
+        let output = run(folder.path(), &["cone.toml", "--points", name], "");
+        assert_eq!(output.status.code(), Some(3));
+        assert!(stderr(&output).contains(part), "{}", stderr(&output));
+    }
+    succeed(folder.path(), &["cone.toml", "--points", "f8_little_1.npy", "-o", "single.npy", "--quiet"], "");
+    succeed(folder.path(), &["cone.toml", "--points", "f8_little_1.npy", "-o", "double.npy", "--exact"], "");
+    let found = python(LOAD);
+    let lines: Vec<Vec<&str>> = found.lines().map(|line| line.split(' ').collect()).collect();
+    assert_eq!([&lines[0][..2], &lines[1][..2]], [["<f4", "2"], ["<f8", "2"]]);
+    let expected = [[0.25, 0.5, 0.125], [-0.5, 0.25, 1.5]].map(cone);
+    for (line, tolerance) in lines.iter().zip([1e-6, 1e-12]) {
+        for (value, expected) in line[2..].iter().zip(expected) {
+            assert!((value.parse::<f64>().expect("a number") - expected).abs() < tolerance, "{found}");
+        }
+    }
 }
 
 #[test]
