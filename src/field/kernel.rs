@@ -27,6 +27,15 @@ const NO_FOOT: f64 = 1e30;
 /// Scratch arrays are this long: packed stores write whole lanes.
 const ROOM: usize = VOXELS + 16;
 
+/// Where the density of a block is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub enum Places<'a, T> {
+    /// The centres of the block's voxels, z fastest.
+    Centres,
+    /// Points of the block: x, y and z in voxels from its centre.
+    Points([&'a [T; VOXELS]; 3]),
+}
+
 /// Memory for one thread's evaluation.
 #[derive(Debug, Clone)]
 pub struct Scratch<T> {
@@ -66,17 +75,20 @@ impl<T: Scalar> Default for Scratch<T> {
 pub struct Counts {
     /// Entered the search for feet.
     pub searched: u64,
+    /// Went through bisection: pieces not certified to hold one foot at most, or where Newton's method did not settle.
+    pub bisected: u64,
     /// Have a foot and lie inside the tube.
     pub inside: u64,
 }
 
-/// Writes the density at the centres of the block's voxels, z fastest.
+/// Writes the density at 512 places of the block that the region was narrowed to.
 ///
 /// Every value is at least 0; it is exactly 0 outside all tubes.
 #[inline(always)]
 pub fn evaluate<R: Real>(
     token: R::Token,
     region: &Region<R::Scalar>,
+    places: Places<R::Scalar>,
     scratch: &mut Scratch<R::Scalar>,
     values: &mut [R::Scalar; VOXELS],
 ) -> Counts {
@@ -87,17 +99,18 @@ pub fn evaluate<R: Real>(
     }
     for piece in &region.pieces {
         let packed = match piece.search {
-            Search::Point { is_corner } => at_point::<R>(token, piece, is_corner, scratch),
+            Search::Point { is_corner } => at_point::<R>(token, piece, places, is_corner, scratch),
             Search::Newton { .. } | Search::Bracket => {
                 let settled = match piece.search {
-                    Search::Newton { cubic: false } => newton::<R, false>(token, piece, scratch),
-                    Search::Newton { cubic: true } => newton::<R, true>(token, piece, scratch),
+                    Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, scratch),
+                    Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, scratch),
                     _ => false,
                 };
                 if !settled {
-                    bracket::<R>(token, piece, scratch);
+                    counts.bisected += VOXELS as u64;
+                    bracket::<R>(token, piece, places, scratch);
                 }
-                coordinates::<R>(token, piece, scratch)
+                coordinates::<R>(token, piece, places, scratch)
             }
         };
         layers::<R>(token, region, piece, scratch, packed);
@@ -108,13 +121,14 @@ pub fn evaluate<R: Real>(
     counts
 }
 
-/// The rows of a piece's table along the block's batches of lanes: whole rows of z, one or two at a time.
+/// The rows of a piece's table for one batch of lanes after another.
 struct Rows<'a, R: Real> {
     piece: &'a Piece<R::Scalar>,
-    /// Positions of the lanes within a batch, in y and z.
+    places: Places<'a, R::Scalar>,
+    /// Voxel centres of a batch from its first, in y and z: batches are whole rows of z, or parts of one.
     y: R,
     z: R,
-    /// The table at the batch's first row.
+    /// The table at the batch's first voxel.
     first: [R::Scalar; ROWS],
     /// What each lane adds to it.
     lanes: [R; ROWS],
@@ -122,39 +136,48 @@ struct Rows<'a, R: Real> {
 
 impl<'a, R: Real> Rows<'a, R> {
     #[inline(always)]
-    fn new(token: R::Token, piece: &'a Piece<R::Scalar>, numbers: &[R::Scalar]) -> Rows<'a, R> {
+    fn new(
+        token: R::Token,
+        piece: &'a Piece<R::Scalar>,
+        places: Places<'a, R::Scalar>,
+        numbers: &[R::Scalar],
+    ) -> Rows<'a, R> {
         let zero = R::constant(token, 0.0);
         let number = R::load(token, numbers);
-        let y = if R::LANES > EDGE { (number * R::constant(token, 0.125)).floor() } else { zero };
+        let y = (number * R::constant(token, 0.125)).floor();
         let z = number - y * R::constant(token, 8.0);
-        let mut rows = Rows { piece, y, z, first: [R::Scalar::default(); ROWS], lanes: [zero; ROWS] };
-        rows.set_lanes(token);
+        let mut rows = Rows { piece, places, y, z, first: piece.base, lanes: [zero; ROWS] };
+        for k in 0..ROWS {
+            let (along_y, along_z) = (R::splat(token, piece.slope[1][k]), R::splat(token, piece.slope[2][k]));
+            rows.lanes[k] = rows.y * along_y + rows.z * along_z;
+        }
         rows
     }
 
-    #[inline(always)]
-    fn set_lanes(&mut self, token: R::Token) {
-        for k in 0..ROWS {
-            let (y, z) = (R::splat(token, self.piece.slope[1][k]), R::splat(token, self.piece.slope[2][k]));
-            self.lanes[k] = self.y * y + self.z * z;
-        }
-    }
-
-    /// Moves to the batch that begins at voxel `index`.
+    /// Moves to the batch that begins at place `index`.
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
     fn go(&mut self, token: R::Token, index: usize) {
-        let (x, y) = (index / (EDGE * EDGE), (index / EDGE) % EDGE);
-        let x = R::Scalar::from_f64(x as f64 - 3.5);
-        let y = R::Scalar::from_f64(y as f64 - 3.5);
-        let z = R::Scalar::from_f64(-3.5);
-        for k in 0..ROWS {
-            let slope = [self.piece.slope[0][k], self.piece.slope[1][k], self.piece.slope[2][k]];
-            self.first[k] = self.piece.base[k] + slope[0] * x + slope[1] * y + slope[2] * z;
-        }
-        if R::LANES < EDGE {
-            self.z = R::constant(token, (index % EDGE) as f64);
-            self.set_lanes(token);
+        let slope = &self.piece.slope;
+        match self.places {
+            Places::Centres => {
+                let x = R::Scalar::from_f64((index / (EDGE * EDGE)) as f64 - 3.5);
+                let y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
+                let z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
+                for k in 0..ROWS {
+                    self.first[k] = self.piece.base[k] + slope[0][k] * x + slope[1][k] * y + slope[2][k] * z;
+                }
+            }
+            Places::Points([x, y, z]) => {
+                let x = R::load(token, &x[index..]);
+                let y = R::load(token, &y[index..]);
+                let z = R::load(token, &z[index..]);
+                for k in 0..ROWS {
+                    self.lanes[k] = x * R::splat(token, slope[0][k])
+                        + y * R::splat(token, slope[1][k])
+                        + z * R::splat(token, slope[2][k]);
+                }
+            }
         }
     }
 
@@ -212,9 +235,10 @@ impl<R: Real> Equation<R> {
 fn newton<R: Real, const CUBIC: bool>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
     scratch: &mut Scratch<R::Scalar>,
 ) -> bool {
-    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
     let zero = R::constant(token, 0.0);
     // Past the piece's ends the polynomial holds, but need not increase: steps are kept near.
     let (lo, hi) = (R::constant(token, -PAST), R::constant(token, PAST));
@@ -252,8 +276,13 @@ fn newton<R: Real, const CUBIC: bool>(
 ///
 /// For certified pieces that is the one foot; uncertified ones are too short for a second one to matter.
 #[inline(always)]
-fn bracket<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scratch<R::Scalar>) {
-    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+fn bracket<R: Real>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) {
+    let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
     let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
     let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
     let no_foot = R::constant(token, NO_FOOT);
@@ -284,9 +313,10 @@ fn bracket<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, scratch: &mut Scr
 fn coordinates<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
-    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
     let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
     let one = R::constant(token, 1.0);
     let mut packed = 0;
@@ -316,6 +346,7 @@ fn coordinates<R: Real>(
             along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
         }
+        let [u, v] = turned(token, piece, [u, v], height);
         pack(scratch, packed, inside, [u, v, height, weight]);
         packed += bits.count_ones() as usize;
     }
@@ -327,10 +358,11 @@ fn coordinates<R: Real>(
 fn at_point<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
     is_corner: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
-    let mut rows = Rows::<R>::new(token, piece, &scratch.numbers);
+    let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
     let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
     let turn = [1, 2, 3, 4].map(|k| R::splat(token, piece.base[U + k]));
     let radius = R::splat(token, piece.radius[0]);
@@ -358,6 +390,7 @@ fn at_point<R: Real>(
             radius.store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
         }
+        let [u, v] = turned(token, piece, [u, v], zero);
         pack(scratch, packed, inside, [u, v, zero, weight]);
         packed += bits.count_ones() as usize;
     }
@@ -389,6 +422,14 @@ fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar; N], eta: R) -
         sum = sum * eta + R::splat(token, c[k]);
     }
     sum
+}
+
+/// (u, v) in the cross-section turned by twist and spin.
+#[inline(always)]
+fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], height: R) -> [R; 2] {
+    let Some([start, rate]) = piece.turns else { return [u, v] };
+    let (sin, cos) = (R::splat(token, start) + R::splat(token, rate) * height).sin_cos_turns(token);
+    [u * cos + v * sin, v * cos - u * sin]
 }
 
 /// `smoothstep(0, 0.2, 1 - kappa rho cos)`.

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::cover::{Capsule, REACH, Reach, support};
+use super::cover::{Capsule, Reach, support};
 use super::region::{FOOT, Layer, LayerKind, Octave, Piece, ROWS, Region, SECOND, Search, U, V, round};
 use super::span::Span;
 use super::tube::{self, PointKind, Tube};
-use super::{Field, Lattice};
+use super::{Extent, Field, Lattice};
 use crate::curve::Segment;
 use crate::noise::{self, BAND};
 use crate::num::Scalar;
@@ -43,7 +43,7 @@ struct Block {
     centre: DVec3,
     /// Edge of a voxel.
     h: f64,
-    /// Half the distance between the first and last voxel centre along an edge.
+    /// Half the edge of its extent.
     half_edge: f64,
 }
 
@@ -51,10 +51,11 @@ impl Field {
     /// Narrows the field to the block of 8^3 voxels whose coordinates, in blocks, are `block`.
     ///
     /// `cover` is the field's cover for this lattice, and `candidates` the capsules of it, ascending, that reach the
-    /// block. `region` is overwritten; its memory is kept from block to block.
+    /// block's `extent`. `region` is overwritten; its memory is kept from block to block.
     pub fn narrow<T: Scalar>(
         &self,
         lattice: Lattice,
+        extent: Extent,
         cover: &[Capsule],
         candidates: &[Candidate],
         block: [i64; 3],
@@ -66,7 +67,7 @@ impl Field {
         let h = lattice.voxel_size;
         #[allow(clippy::cast_precision_loss, reason = "block coordinates fit 29 bits")]
         let centre = DVec3::from(block.map(|b| (b as f64 + 0.5) * 8.0 * h));
-        let block = Block { centre, h, half_edge: REACH * h };
+        let block = Block { centre, h, half_edge: extent.half_edge() * h };
         let mut rest = candidates;
         while let [first, ..] = rest {
             let capsule = cover[*first as usize];
@@ -220,6 +221,7 @@ impl Field {
             range: round(range),
             tolerance: T::from_f64(settled_step(segment_of(tube, segment), interval, block) / voxels),
             height: round(height),
+            turns: turns(tube, arc_middle),
             radius: round(radius),
             speed: is_hard.then(|| round(speed)),
             axial: axial(tube, s, arc_middle),
@@ -281,6 +283,7 @@ impl Field {
             range: round([-1.0, 1.0]),
             tolerance: T::from_f64(1.0),
             height: round([0.0; TERMS]),
+            turns: turns(tube, section.arc),
             radius: round(radius),
             speed: None,
             axial: axial(tube, [section.arc; 2], section.arc),
@@ -373,6 +376,14 @@ impl Rates {
 fn larger_singular_value(a: f64, c: f64, b: f64) -> f64 {
     let sum = a * a + b * b + c * c;
     (0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())).sqrt()
+}
+
+/// Turns at an arc length, taken in double precision to within half a turn of 0, and per unit of height.
+fn turns<T: Scalar>(tube: &Tube, arc: f64) -> Option<[T; 2]> {
+    tube.turns.map(|[start, rate]| {
+        let turns = start + rate * arc;
+        round([turns - (turns + 0.5).floor(), rate / tube.height_rate()])
+    })
 }
 
 fn axial<T: Scalar>(tube: &Tube, s: [f64; 2], origin: f64) -> Option<[T; 3]> {

@@ -1,13 +1,14 @@
-//! Evaluation of a plan: the one place where the instruction set is chosen.
+//! Evaluation of a plan.
 
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
+use super::dispatch::{activate, evaluate_block};
 use super::{Brick, Plan, Sink};
-use crate::field::kernel::{Counts, Scratch, evaluate};
+use crate::field::kernel::{Counts, Places, Scratch};
 use crate::field::{Field, Region, VOXELS};
-use crate::num::{Level, Real, WithLevel, with_level};
+use crate::num::Level;
 
 /// Bricks that one task evaluates and encodes as a run.
 const RUN: usize = 64;
@@ -34,6 +35,8 @@ pub struct Tally {
     pub active_voxels: u64,
     /// Lanes that entered the search for feet.
     pub searched_voxels: u64,
+    /// Lanes of these that went through bisection: near cusps and folds, and where axes meet.
+    pub bisected_voxels: u64,
     /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
     /// SHA-256 over all active bricks in file order: see [`bake`].
@@ -74,6 +77,7 @@ pub fn bake<S: Sink>(
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
             tally.searched_voxels += done.counts.searched;
+            tally.bisected_voxels += done.counts.bisected;
             tally.inside_voxels += done.counts.inside;
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
@@ -135,19 +139,16 @@ impl Worker {
         let started = ThreadTime::now();
         self.bricks.clear();
         for index in bricks {
-            field.narrow(
-                plan.lattice(),
-                plan.cover(),
-                plan.candidates(index),
-                plan.block(index),
-                &mut self.region,
-            );
+            plan.narrow(field, index, &mut self.region);
             if self.region.is_empty() {
                 continue;
             }
             let mut brick = Brick { origin: plan.origin(index), mask: [0; 8], values: [0.0; VOXELS] };
-            let counts = evaluate_brick(level, &self.region, &mut self.scratch, cutoff, &mut brick);
+            let counts =
+                evaluate_block(level, &self.region, Places::Centres, &mut self.scratch, &mut brick.values);
+            activate(level, cutoff, &mut brick);
             done.counts.searched += counts.searched;
+            done.counts.bisected += counts.bisected;
             done.counts.inside += counts.inside;
             let active = brick.active();
             if active > 0 {
@@ -179,49 +180,4 @@ fn digest(brick: &Brick) -> [u8; 32] {
         to.copy_from_slice(&from.to_le_bytes());
     }
     Sha256::digest(bytes).into()
-}
-
-/// The one place where the instruction set is chosen. Not generic and not inlined, so that the kernel is compiled once
-/// for each instruction set and not for each sink.
-#[inline(never)]
-fn evaluate_brick(
-    level: Level,
-    region: &Region<f32>,
-    scratch: &mut Scratch<f32>,
-    cutoff: f32,
-    brick: &mut Brick,
-) -> Counts {
-    with_level(level, Evaluate { region, scratch, cutoff, brick })
-}
-
-struct Evaluate<'a> {
-    region: &'a Region<f32>,
-    scratch: &'a mut Scratch<f32>,
-    cutoff: f32,
-    brick: &'a mut Brick,
-}
-
-impl WithLevel for Evaluate<'_> {
-    type Output = Counts;
-    #[inline(always)]
-    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Counts {
-        let counts = evaluate::<R>(token, self.region, self.scratch, &mut self.brick.values);
-        activate::<R>(token, self.cutoff, self.brick);
-        counts
-    }
-}
-
-/// Marks voxels above `cutoff` active and sets the others to 0.
-#[inline(always)]
-fn activate<R: Real<Scalar = f32>>(token: R::Token, cutoff: f32, brick: &mut Brick) {
-    let (cutoff, zero) = (R::splat(token, cutoff), R::splat(token, 0.0));
-    for (word, values) in brick.mask.iter_mut().zip(brick.values.chunks_exact_mut(64)) {
-        *word = 0;
-        for first in (0..64).step_by(R::LANES) {
-            let value = R::load(token, &values[first..]);
-            let active = cutoff.lt(value);
-            *word |= u64::from(R::bitmask(active)) << first;
-            R::select(active, value, zero).store(&mut values[first..]);
-        }
-    }
 }

@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::field::{Candidate, Capsule, Field, Lattice};
+use crate::field::{Candidate, Capsule, Extent, Field, Lattice, Region};
+use crate::num::Scalar;
 
 /// A brick that can hold density.
 #[derive(Debug, Clone, Copy)]
@@ -21,6 +22,8 @@ struct Planned {
 #[derive(Debug, Clone)]
 pub struct Plan {
     lattice: Lattice,
+    extent: Extent,
+    root: [i64; 3],
     cover: Vec<Capsule>,
     bricks: Vec<Planned>,
     candidates: Vec<Candidate>,
@@ -62,6 +65,20 @@ impl Plan {
     ///
     /// Before the memory is taken: when the plan would not fit the budget, or voxel indices would overflow.
     pub fn new(field: &Field, lattice: Lattice, budget: u64) -> Result<Plan, PlanError> {
+        Plan::for_extent(field, lattice, Extent::Centres, budget)
+    }
+
+    /// The same for bricks that can hold density anywhere in their extent.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Plan::new`].
+    pub fn for_extent(
+        field: &Field,
+        lattice: Lattice,
+        extent: Extent,
+        budget: u64,
+    ) -> Result<Plan, PlanError> {
         let root = index_range(field, lattice)?;
         #[allow(clippy::cast_precision_loss, reason = "an estimate")]
         let most = budget as f64 / BYTES;
@@ -80,7 +97,7 @@ impl Plan {
             .par_iter()
             .zip(0_u32..(1 << 25))
             .fold(Vec::new, |mut pairs, (capsule, index)| {
-                capsule.blocks(field, lattice, |block| pairs.push((file_order(block, root), index)));
+                capsule.blocks(field, lattice, extent, |block| pairs.push((file_order(block, root), index)));
                 pairs
             })
             .reduce(Vec::new, |mut a, mut b| {
@@ -92,8 +109,14 @@ impl Plan {
             });
         pairs.par_sort_unstable();
 
-        let mut plan =
-            Plan { lattice, cover, bricks: Vec::new(), candidates: Vec::with_capacity(pairs.len()) };
+        let mut plan = Plan {
+            lattice,
+            extent,
+            root,
+            cover,
+            bricks: Vec::new(),
+            candidates: Vec::with_capacity(pairs.len()),
+        };
         let mut last = None;
         for (key, index) in pairs {
             if last != Some(key) {
@@ -111,6 +134,23 @@ impl Plan {
         self.lattice
     }
 
+    /// The part of the bricks that it was made for.
+    pub fn extent(&self) -> Extent {
+        self.extent
+    }
+
+    /// The number of the candidate brick with these coordinates in bricks, if it is one.
+    pub fn find(&self, block: [i64; 3]) -> Option<usize> {
+        // No voxel has an index beyond 32 bits.
+        if block.iter().any(|b| b.unsigned_abs() > 1 << 28) {
+            return None;
+        }
+        let key = file_order(block, self.root);
+        let found =
+            self.bricks.binary_search_by_key(&key, |brick| file_order(brick.block.map(i64::from), self.root));
+        found.ok().filter(|&index| self.block(index) == block)
+    }
+
     /// Number of candidate bricks, exact: no other brick is touched.
     pub fn bricks(&self) -> usize {
         self.bricks.len()
@@ -126,28 +166,29 @@ impl Plan {
         (0..self.bricks()).map(|index| self.origin(index))
     }
 
-    /// The field's cover that the candidates count in.
-    pub fn cover(&self) -> &[Capsule] {
-        &self.cover
-    }
-
     /// Coordinates of brick `index`, in bricks.
     pub fn block(&self, index: usize) -> [i64; 3] {
         self.bricks[index].block.map(i64::from)
     }
 
-    /// The pieces of axes that reach brick `index`, as [`Field::narrow`] wants them.
-    pub fn candidates(&self, index: usize) -> &[Candidate] {
+    /// The pieces of axes that reach brick `index`.
+    fn candidates(&self, index: usize) -> &[Candidate] {
         let first = self.bricks[index].first as usize;
         let end = self.bricks.get(index + 1).map_or(self.candidates.len(), |next| next.first as usize);
         &self.candidates[first..end]
     }
 
+    /// Narrows the field that the plan was made for to candidate brick `index`. `region` is overwritten; its memory is
+    /// kept from brick to brick.
+    pub fn narrow<T: Scalar>(&self, field: &Field, index: usize, region: &mut Region<T>) {
+        let candidates = self.candidates(index);
+        field.narrow(self.lattice, self.extent, &self.cover, candidates, self.block(index), region);
+    }
+
     /// A plan of `count` of these bricks, or of all if there are fewer, spread evenly over their order.
     pub fn sample(&self, count: usize) -> Plan {
         let count = count.min(self.bricks());
-        let mut sample =
-            Plan { lattice: self.lattice, cover: self.cover.clone(), bricks: vec![], candidates: vec![] };
+        let mut sample = Plan { cover: self.cover.clone(), bricks: vec![], candidates: vec![], ..*self };
         for number in 0..count {
             // The middle of the brick's share of the order.
             let index = (2 * number + 1) * self.bricks() / (2 * count);

@@ -3,6 +3,8 @@
 //!
 //! Machines differ and drift, so the ratio is the figure to keep. Medians of interleaved rounds, processor time.
 
+#![allow(clippy::print_stdout, reason = "a bench prints its figures")]
+
 use std::convert::Infallible;
 
 use cpu_time::ThreadTime;

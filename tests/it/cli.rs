@@ -1,7 +1,7 @@
 //! The program as scripts and people meet it: exit codes, what is printed where, and which files are left.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
@@ -185,28 +185,6 @@ fn results_and_progress_do_not_mix() {
     assert!(progress.lines().all(|line| line.starts_with("Progress: ")), "{progress}");
     assert!(progress.ends_with("Progress: 100.0%\n") && progress.lines().count() <= 20, "{progress}");
     assert_eq!(errors(&folder.run(&["bake", "bent.toml", "--quiet"])), "");
-}
-
-#[test]
-fn bytes_do_not_depend_on_the_number_of_threads() {
-    let folder = Folder::new();
-    let bake = |threads: &str| {
-        let report = folder.json(&["bake", "bent.toml", "--resolution", "96", "--threads", threads]);
-        (folder.get("bent.vdb"), report["content_sha256"].clone())
-    };
-    let one = bake("1");
-    for threads in ["2", "7"] {
-        assert!(bake(threads) == one, "{threads} threads");
-    }
-}
-
-#[test]
-fn bytes_depend_on_neither_place_nor_memory() {
-    let folder = Folder::new();
-    folder.put("other.toml", SCENE);
-    folder.json(&["bake", "bent.toml", "-o", "a.vdb"]);
-    folder.json(&["bake", "other.toml", "-o", "b.VDB", "--memory", "100MB"]);
-    assert!(folder.get("a.vdb") == folder.get("b.VDB"));
 }
 
 #[test]
@@ -410,9 +388,7 @@ fn wait_for(condition: impl Fn() -> bool) {
 #[test]
 fn scenes_of_the_project_can_be_planned() {
     let folder = Folder::new();
-    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    for entry in fs::read_dir(scenes).expect("scenes") {
-        let path = entry.expect("an entry").path();
+    for path in crate::support::scenes() {
         let plan = folder.json(&["plan", path.to_str().expect("UTF-8")]);
         assert!(number(&plan["estimated"]["active_voxels"]) > 0, "{}", path.display());
     }

@@ -74,24 +74,6 @@ fn blender_shows_what_was_evaluated_where_it_belongs() {
     }
 }
 
-#[test]
-fn bytes_do_not_depend_on_the_number_of_threads() {
-    let folder = tempdir().expect("a temporary folder");
-    for scene in scenes() {
-        for compression in COMPRESSIONS {
-            let bytes = |threads: &str| {
-                let baked =
-                    bake(&scene, folder.path(), &["--compression", compression, "--threads", threads]);
-                fs::read(baked.path).expect("a readable file")
-            };
-            let one = bytes("1");
-            for threads in ["2", "7"] {
-                assert!(bytes(threads) == one, "{} {compression}, {threads} threads", scene.display());
-            }
-        }
-    }
-}
-
 /// The judges can say no: none of them takes a file that lacks its last quarter.
 #[test]
 fn judges_refuse_a_truncated_file() {

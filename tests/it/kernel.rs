@@ -1,12 +1,13 @@
 //! The density kernel against the reference, which shares no formula with it.
 
+use glam::DVec3;
 use rayon::prelude::*;
-use vdbake::field::kernel::{Scratch, evaluate};
+use vdbake::field::kernel::{Places, Scratch, evaluate};
 use vdbake::field::{Field, Lattice, Region, VOXELS};
 use vdbake::num::Level;
 use vdbake::reference::Reference;
 use vdbake::scene::Scene;
-use vdbake::volume::{Plan, Store, bake};
+use vdbake::volume::{Plan, Store, bake, density_at};
 
 /// A scene of the `scenes` folder.
 pub(crate) fn shipped(name: &str) -> Scene {
@@ -244,8 +245,8 @@ fn single_precision_agrees_with_double() {
         let (mut largest, mut peak) = (0.0_f64, 0.0_f64);
         for index in (0..plan.bricks()).step_by(17) {
             let mut values = [0.0; VOXELS];
-            field.narrow(lattice, plan.cover(), plan.candidates(index), plan.block(index), &mut region);
-            evaluate::<f64>((), &region, &mut scratch, &mut values);
+            plan.narrow(&field, index, &mut region);
+            evaluate::<f64>((), &region, Places::Centres, &mut scratch, &mut values);
             let zeros = [0.0_f32; VOXELS];
             let single = found.get(&plan.origin(index)).map_or(&zeros, |&i| &store.bricks()[i].values);
             for (&a, &b) in single.iter().zip(&values) {
@@ -254,5 +255,30 @@ fn single_precision_agrees_with_double() {
             }
         }
         assert!(largest <= LARGEST * peak, "{name}: {largest:e} of {peak}");
+    }
+}
+
+#[test]
+fn points_between_voxels_agree_with_the_reference() {
+    for name in ["tornado", "solar_flare", "galaxy"] {
+        let scene = shipped(name);
+        let field = Field::compile(&scene, 0.0);
+        let lattice = lattice(&field, 150.0);
+        let [lo, hi] = field.bounds().expect("the scene has density");
+        let mut random = Random(5);
+        let mut unit = || f64::from(u32::try_from(random.next() >> 32).expect("32 bits")) / 4_294_967_296.0;
+        let mut points: Vec<DVec3> =
+            (0..20_000).map(|_| lo + (hi - lo) * DVec3::new(unit(), unit(), unit())).collect();
+        points.extend([DVec3::NAN, DVec3::splat(1e300), DVec3::splat(-1e9)]);
+        let found = density_at(&field, lattice, &points, Level::best(), 1 << 32).expect("a small plan");
+        let reference = Reference::new(&scene, 0.0, Some(lattice.voxel_size));
+        let truth: Vec<f64> = points[..20_000].par_iter().map(|p| reference.density(p.to_array())).collect();
+        let peak = truth.iter().fold(0.0_f64, |most, &value| most.max(value));
+        assert!(peak > 0.0);
+        for ((point, value), truth) in points.iter().zip(&found).zip(&truth) {
+            let error = (f64::from(*value) - truth).abs();
+            assert!(error <= LARGEST * peak, "{name}: {error:e} at {point}");
+        }
+        assert_eq!(found[20_000..], [0.0; 3]);
     }
 }

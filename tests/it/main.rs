@@ -10,4 +10,5 @@ mod layers;
 mod noise;
 mod oracle;
 mod reader;
+mod same_bytes;
 mod support;

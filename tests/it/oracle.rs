@@ -113,7 +113,7 @@ fn indices(edge: i32) -> impl Iterator<Item = [i32; 3]> {
     (0..edge).flat_map(move |x| (0..edge).flat_map(move |y| (0..edge).map(move |z| [x, y, z])))
 }
 
-fn judge(variable: &str) -> Command {
+pub(crate) fn judge(variable: &str) -> Command {
     let program = std::env::var_os(variable)
         .unwrap_or_else(|| panic!("{variable} is not set: run scripts/test, which installs the oracles"));
     Command::new(program)

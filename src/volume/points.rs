@@ -1,0 +1,88 @@
+//! The density at any points, by the kernel.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::dispatch::evaluate_block;
+use super::plan::{Plan, PlanError};
+use crate::field::kernel::{Places, Scratch};
+use crate::field::{Extent, Field, Lattice, Region, VOXELS};
+use crate::num::{Level, Scalar};
+
+/// The density at points of the world, in metres, as a bake at this lattice would have it there: octaves fade as they do
+/// for its voxels, but the points need not be their centres. Points that are not finite have density 0.
+///
+/// Works on the current `rayon` pool. Points that lie together are evaluated together, in whatever order they come.
+///
+/// # Errors
+///
+/// As [`Plan::new`]: when the lattice is too fine for `budget` bytes of plan.
+pub fn density_at(
+    field: &Field,
+    lattice: Lattice,
+    points: &[DVec3],
+    level: Level,
+    budget: u64,
+) -> Result<Vec<f32>, PlanError> {
+    let plan = Plan::for_extent(field, lattice, Extent::Whole, budget)?;
+    let mut order: Vec<(usize, usize)> = points
+        .par_iter()
+        .enumerate()
+        .filter_map(|(index, point)| plan.find(brick_of(*point, lattice)?).map(|brick| (brick, index)))
+        .collect();
+    order.par_sort_unstable();
+    let groups: Vec<&[(usize, usize)]> =
+        order.chunk_by(|a, b| a.0 == b.0).flat_map(|group| group.chunks(VOXELS)).collect();
+    let found: Vec<[f32; VOXELS]> = groups
+        .par_iter()
+        .map_init(Worker::default, |worker, group| worker.evaluate(field, &plan, group, points, level))
+        .collect();
+    let mut values = vec![0.0; points.len()];
+    for (group, found) in groups.iter().zip(found) {
+        for (&(_, index), value) in group.iter().zip(found) {
+            values[index] = value;
+        }
+    }
+    Ok(values)
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "saturates, and no brick lies there")]
+fn brick_of(point: DVec3, lattice: Lattice) -> Option<[i64; 3]> {
+    let brick = point / (8.0 * lattice.voxel_size);
+    brick.is_finite().then(|| brick.floor().to_array().map(|b| b as i64))
+}
+
+#[derive(Default)]
+struct Worker {
+    region: Region<f32>,
+    scratch: Scratch<f32>,
+}
+
+impl Worker {
+    /// The density at points of one brick, in order.
+    fn evaluate(
+        &mut self,
+        field: &Field,
+        plan: &Plan,
+        group: &[(usize, usize)],
+        points: &[DVec3],
+        level: Level,
+    ) -> [f32; VOXELS] {
+        let Some(&(brick, _)) = group.first() else { return [0.0; VOXELS] };
+        let h = plan.lattice().voxel_size;
+        #[allow(clippy::cast_precision_loss, reason = "brick coordinates fit 29 bits")]
+        let centre = DVec3::from(plan.block(brick).map(|b| (b as f64 + 0.5) * 8.0 * h));
+        let mut axes = [[0.0; VOXELS]; 3];
+        for (place, &(_, index)) in group.iter().enumerate() {
+            let local = (points[index] - centre) / h;
+            for axis in 0..3 {
+                axes[axis][place] = f32::from_f64(local[axis]);
+            }
+        }
+        plan.narrow(field, brick, &mut self.region);
+        let mut values = [0.0; VOXELS];
+        let [x, y, z] = &axes;
+        evaluate_block(level, &self.region, Places::Points([x, y, z]), &mut self.scratch, &mut values);
+        values
+    }
+}
