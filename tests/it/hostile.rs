@@ -14,8 +14,8 @@ use crate::support::{random, stderr, stdout};
 
 /// Mutated files in all.
 const MUTATIONS: usize = 5000;
-/// Bytes that all of them may take at most, one after the other, everything else in the process included. The largest
-/// original is below 500 KB; its grids take 20 MB, mostly in tiles of upper nodes, and so may those of its mutations.
+/// Bytes that all of them may take at most, one after the other, everything else in the process included: the originals
+/// are below 500 KB each and below 10 MB together.
 const MEMORY: u64 = 192 << 20;
 const CHILD: &str = "VDBAKE_TEST_CHILD";
 

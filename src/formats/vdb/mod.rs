@@ -8,7 +8,7 @@
 //! 3. [`write()`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same
 //!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
-//! [`read_info`] lists what a file holds without reading voxels.
+//! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`]; [`read_info`] lists only.
 //!
 //! # What is written
 //!

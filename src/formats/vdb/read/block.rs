@@ -240,3 +240,72 @@ impl Bytes {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ACTIVE: [u64; 1] = [0b0110];
+
+    /// Decodes a block of 64 entries of which the second and the third are active, 5 and 6.
+    fn decode(flags: u32, code: u8, head: &[f32], selection: Option<u64>, payload: &[f32]) -> Vec<f32> {
+        let mut block = vec![code];
+        let put =
+            |block: &mut Vec<u8>, values: &[f32]| block.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        put(&mut block, head);
+        block.extend(selection.into_iter().flat_map(u64::to_le_bytes));
+        put(&mut block, payload);
+        let layout = Layout { flags, half: false, background: 0.5 };
+        assert_eq!(layout.measure(&block, 64, 2), Ok(Length::Whole(block.len())));
+        let mut out = vec![0.0; 64];
+        layout.decode(&block, &ACTIVE, &mut Scratch::default(), &mut out).expect("valid");
+        out
+    }
+
+    #[test]
+    fn codes_give_inactive_values() {
+        let stored = [5.0, 6.0];
+        let expect = |found: Vec<f32>, first: f32, fourth: f32, others: f32| {
+            assert_eq!(found[..4], [first, 5.0, 6.0, fourth]);
+            assert!(found[4..].iter().all(|value| *value == others));
+        };
+        let mask = FLAG_ACTIVE_MASK;
+        expect(decode(mask, 0, &[], None, &stored), 0.5, 0.5, 0.5);
+        expect(decode(mask, 1, &[], None, &stored), -0.5, -0.5, -0.5);
+        expect(decode(mask, 2, &[2.0], None, &stored), 2.0, 2.0, 2.0);
+        expect(decode(mask, 3, &[], Some(1), &stored), 0.5, -0.5, -0.5);
+        expect(decode(mask, 4, &[2.0], Some(8), &stored), 2.0, 0.5, 2.0);
+        expect(decode(mask, 5, &[2.0, 3.0], Some(8), &stored), 2.0, 3.0, 2.0);
+        let mut all = [7.0; 64];
+        (all[1], all[2]) = (5.0, 6.0);
+        expect(decode(mask, 6, &[], None, &all), 7.0, 7.0, 7.0);
+        // Without the flag all entries are stored, whatever the code.
+        expect(decode(0, 0, &[], None, &all), 7.0, 7.0, 7.0);
+        expect(decode(0, 2, &[2.0], None, &all), 7.0, 7.0, 7.0);
+    }
+
+    #[test]
+    fn empty_payloads_are_framed_but_for_halves() {
+        let length = |flags, half, bytes: &[u8]| {
+            Layout { flags, half, background: 0.0_f32 }.measure(bytes, 64, 0).expect("a length")
+        };
+        let integers = Layout { flags: FLAG_ZIP | FLAG_ACTIVE_MASK, half: true, background: 0_i32 };
+        let frame = [0; 9];
+        for codec in [FLAG_ZIP, FLAG_BLOSC] {
+            assert_eq!(length(codec | FLAG_ACTIVE_MASK, false, &frame), Length::Whole(9));
+            assert_eq!(length(codec | FLAG_ACTIVE_MASK, true, &frame), Length::Whole(1));
+        }
+        assert_eq!(length(FLAG_ACTIVE_MASK, false, &frame), Length::Whole(1));
+        assert_eq!(integers.measure(&frame, 64, 0), Ok(Length::Whole(9)));
+    }
+
+    #[test]
+    fn sizes_beyond_reason_are_refused() {
+        let layout = Layout { flags: FLAG_BLOSC | FLAG_ACTIVE_MASK, half: false, background: 0.0_f32 };
+        for size in [i64::MAX, i64::MIN, 1 << 40, -1, 8000] {
+            let block = [&[0][..], &size.to_le_bytes()].concat();
+            assert!(layout.measure(&block, 64, 2).is_err(), "{size}");
+        }
+        assert!(layout.measure(&[7], 64, 2).is_err());
+    }
+}
