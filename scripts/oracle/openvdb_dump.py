@@ -20,7 +20,13 @@ import numpy as np
 try:
     import openvdb as vdb
 except ImportError:
-    import pyopenvdb as vdb
+    try:
+        import pyopenvdb as vdb
+    except ImportError:
+        import bpy
+
+        bpy.utils.expose_bundled_modules()
+        import openvdb as vdb
 
 WINDOW = 128  # edge of the dense windows that values are copied through: 8 MiB of f32
 MARKER = np.float32(3e38)

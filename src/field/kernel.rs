@@ -346,6 +346,7 @@ fn coordinates<R: Real>(
             along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
         }
+        let [u, v] = turned(token, piece, [u, v], height);
         pack(scratch, packed, inside, [u, v, height, weight]);
         packed += bits.count_ones() as usize;
     }
@@ -389,6 +390,7 @@ fn at_point<R: Real>(
             radius.store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
         }
+        let [u, v] = turned(token, piece, [u, v], zero);
         pack(scratch, packed, inside, [u, v, zero, weight]);
         packed += bits.count_ones() as usize;
     }
@@ -420,6 +422,14 @@ fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar; N], eta: R) -
         sum = sum * eta + R::splat(token, c[k]);
     }
     sum
+}
+
+/// (u, v) in the cross-section turned by twist and spin.
+#[inline(always)]
+fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], height: R) -> [R; 2] {
+    let Some([start, rate]) = piece.turns else { return [u, v] };
+    let (sin, cos) = (R::splat(token, start) + R::splat(token, rate) * height).sin_cos_turns(token);
+    [u * cos + v * sin, v * cos - u * sin]
 }
 
 /// `smoothstep(0, 0.2, 1 - kappa rho cos)`.

@@ -48,7 +48,7 @@
 //!
 //! # How it is evaluated
 //!
-//! [`Field::compile`] cuts every axis into *spans* on which the twisted frame over the radius, and the arc length, are
+//! [`Field::compile`] cuts every axis into *spans* on which the frame over the radius, and the arc length, are
 //! polynomials of degree 5 to within 3e-7. [`Field::cover`] lists short capsules that hold all of the density, for the
 //! plan. [`Field::narrow`] takes the parts of the axis whose capsules reach a block of voxels, proves in f64 which of
 //! them can hold feet of its voxels and whether they hold at most one for each, and leaves a [`Region`]: polynomials

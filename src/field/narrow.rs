@@ -221,6 +221,7 @@ impl Field {
             range: round(range),
             tolerance: T::from_f64(settled_step(segment_of(tube, segment), interval, block) / voxels),
             height: round(height),
+            turns: turns(tube, arc_middle),
             radius: round(radius),
             speed: is_hard.then(|| round(speed)),
             axial: axial(tube, s, arc_middle),
@@ -282,6 +283,7 @@ impl Field {
             range: round([-1.0, 1.0]),
             tolerance: T::from_f64(1.0),
             height: round([0.0; TERMS]),
+            turns: turns(tube, section.arc),
             radius: round(radius),
             speed: None,
             axial: axial(tube, [section.arc; 2], section.arc),
@@ -374,6 +376,14 @@ impl Rates {
 fn larger_singular_value(a: f64, c: f64, b: f64) -> f64 {
     let sum = a * a + b * b + c * c;
     (0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())).sqrt()
+}
+
+/// Turns at an arc length, taken in double precision to within half a turn of 0, and per unit of height.
+fn turns<T: Scalar>(tube: &Tube, arc: f64) -> Option<[T; 2]> {
+    tube.turns.map(|[start, rate]| {
+        let turns = start + rate * arc;
+        round([turns - (turns + 0.5).floor(), rate / tube.height_rate()])
+    })
 }
 
 fn axial<T: Scalar>(tube: &Tube, s: [f64; 2], origin: f64) -> Option<[T; 3]> {

@@ -59,6 +59,8 @@ pub(crate) struct Piece<T> {
     pub(crate) tolerance: T,
     /// Height l from the layers' origins.
     pub(crate) height: [T; TERMS],
+    /// Turns of the cross-section at the layers' origin, and per unit of height.
+    pub(crate) turns: Option<[T; 2]>,
     /// Radius in voxels: only read where octaves fade.
     pub(crate) radius: [T; TERMS],
     /// `|q'|^2` where the focal fade is needed, for `1 - kappa rho cos = g' / |q'|^2`.

@@ -24,7 +24,7 @@ pub(crate) struct Span {
     pub(crate) half: f64,
     /// Position of the axis, exact.
     pub(crate) position: [DVec3; 4],
-    /// The twisted frame's two axes across the tube, over the radius, per metre.
+    /// The frame's two axes across the tube, before twist, over the radius, per metre.
     pub(crate) across: [[DVec3; TERMS]; 2],
     /// Their products with `C - C(middle)`.
     pub(crate) offset: [[f64; TERMS]; 2],
@@ -35,12 +35,10 @@ pub(crate) struct Span {
     pub(crate) radius: [f64; TERMS],
 }
 
-/// What a span is fitted to: the axis of one tube with its twist and radius.
+/// What a span is fitted to: the axis of one tube with its radius.
 pub(crate) struct Axis<'a> {
     pub(crate) curve: &'a Curve,
     pub(crate) profile: &'a Profile,
-    /// Radians of twist per metre of arc, and at the start.
-    pub(crate) twist: [f64; 2],
 }
 
 /// The tube's cross-section at one place.
@@ -48,7 +46,7 @@ pub(crate) struct Axis<'a> {
 pub(crate) struct Section {
     pub(crate) centre: DVec3,
     pub(crate) tangent: DVec3,
-    /// Unit vectors along the cylinder's u and v.
+    /// Unit vectors along the cylinder's u and v, before twist.
     pub(crate) axes: [DVec3; 2],
     pub(crate) radius: f64,
     pub(crate) arc: f64,
@@ -58,12 +56,10 @@ impl Axis<'_> {
     pub(crate) fn section(&self, segment: usize, t: f64) -> Section {
         let arc = self.curve.arc_length(segment, t);
         let frame = self.curve.frame(segment, t);
-        let phi = self.twist[0] * arc + self.twist[1];
-        let (sin, cos) = libm::sincos(phi);
         Section {
             centre: self.curve.segments()[segment].at(t),
             tangent: frame.tangent,
-            axes: [frame.normal * cos + frame.binormal * sin, frame.binormal * cos - frame.normal * sin],
+            axes: [frame.normal, frame.binormal],
             radius: self.profile.at(arc / self.curve.length()),
             arc,
         }

@@ -29,7 +29,9 @@ pub(crate) struct Tube {
     pub(crate) radial: Radial,
     pub(crate) layers: Vec<Layer>,
     pub(crate) stretch: bool,
-    /// Radians per metre.
+    /// Turns at the start, within half a turn of 0, and per metre; `None` where nothing turns or no layer would show it.
+    pub(crate) turns: Option<[f64; 2]>,
+    /// Radians of twist per metre.
     pub(crate) twist_rate: f64,
 }
 
@@ -86,13 +88,10 @@ pub(crate) struct Octave {
 
 impl Tube {
     pub(crate) fn compile(tube: &scene::Tube, time: f64) -> Tube {
-        let twist_rate = TAU * tube.twist / tube.curve.length();
-        let turns = tube.spin * time;
-        let axis = Axis {
-            curve: &tube.curve,
-            profile: &tube.radius,
-            twist: [twist_rate, TAU * (turns - turns.floor())],
-        };
+        let spin = tube.spin * time;
+        let turns = [spin - (spin + 0.5).floor(), tube.twist / tube.curve.length()];
+        let is_turned = turns != [0.0; 2] && tube.layers.iter().any(|layer| !is_round(&layer.pattern));
+        let axis = Axis { curve: &tube.curve, profile: &tube.radius };
         let breaks = breaks(&tube.curve, &tube.radius);
         let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
         Tube {
@@ -105,7 +104,8 @@ impl Tube {
             radial: tube.radial,
             layers: tube.layers.iter().map(|layer| compile_layer(layer, time)).collect(),
             stretch: tube.stretch,
-            twist_rate,
+            turns: is_turned.then_some(turns),
+            twist_rate: TAU * turns[1],
         }
     }
 
@@ -152,6 +152,15 @@ impl Tube {
             }
         }
         bounds
+    }
+}
+
+/// Whether the pattern looks the same from all sides of the axis.
+fn is_round(pattern: &Pattern) -> bool {
+    match pattern {
+        Pattern::Constant(_) => true,
+        Pattern::Sectors => false,
+        Pattern::Perlin(fbm) => fbm.octaves == 0,
     }
 }
 

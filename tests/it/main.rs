@@ -4,9 +4,11 @@
 mod cli;
 mod consumers;
 mod files;
+mod hostile;
 mod kernel;
 mod layers;
 mod noise;
 mod oracle;
+mod reader;
 mod same_bytes;
 mod support;

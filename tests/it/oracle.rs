@@ -2,7 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::BufReader;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use serde_json::Value;
@@ -30,6 +30,56 @@ pub(crate) fn blender(file: &Path, points: &[[f64; 3]]) -> Result<Verdict, Strin
     fs::write(&list, serde_json::to_string(points).expect("finite numbers")).expect("a writable folder");
     let mut command = judge("VDBAKE_BPY_PYTHON");
     verdict(script(&mut command, "blender_check.py").arg("--points").arg(list), file)
+}
+
+/// What OpenVDB finds in a file at given indices.
+pub(crate) struct Probed {
+    /// What it says of the file and its grids.
+    pub(crate) report: Value,
+    /// For each grid, for each index: the value (a number stands in the first place) and whether it is active.
+    pub(crate) grids: Vec<Vec<([f64; 3], bool)>>,
+}
+
+/// What OpenVDB, of the version that knows all types, finds in files, each at its own indices.
+pub(crate) fn openvdb_probe(files: &[&Path], points: &[Vec<[i32; 3]>]) -> Vec<Probed> {
+    let mut command = judge("VDBAKE_BPY_PYTHON");
+    let command = script(&mut command, "openvdb_probe.py");
+    for (file, points) in files.iter().zip(points) {
+        let list = file.with_extension("points");
+        let bytes: Vec<u8> = points.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect();
+        fs::write(&list, bytes).expect("a writable folder");
+        command.arg(file).arg(list).arg(file.with_extension("probed"));
+    }
+    let output = run(command).unwrap_or_else(|error| panic!("{error}"));
+    let reports: Vec<Value> =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", stdout(&output)));
+    assert_eq!(reports.len(), files.len());
+    let probed = files.iter().zip(points).zip(reports).map(|((file, points), report)| {
+        let bytes = fs::read(file.with_extension("probed")).expect("what the script wrote");
+        let (records, rest) = bytes.as_chunks::<25>();
+        assert!(rest.is_empty());
+        let samples: Vec<_> = records.iter().map(sample).collect();
+        Probed { report, grids: samples.chunks(points.len()).map(<[_]>::to_vec).collect() }
+    });
+    probed.collect()
+}
+
+fn sample(record: &[u8; 25]) -> ([f64; 3], bool) {
+    let [x, y, z] = [0, 1, 2].map(|at| f64::from_le_bytes(record.as_chunks().0[at]));
+    ([x, y, z], record[24] != 0)
+}
+
+/// The files that OpenVDB's module makes for tests of reading, in `folder`.
+pub(crate) fn openvdb_make(folder: &Path) -> Vec<PathBuf> {
+    let mut command = judge("VDBAKE_BPY_PYTHON");
+    let output =
+        run(script(&mut command, "openvdb_make.py").arg(folder)).unwrap_or_else(|error| panic!("{error}"));
+    stdout(&output).lines().map(|name| folder.join(name)).collect()
+}
+
+/// Runs OpenVDB's tool that makes and converts files.
+pub(crate) fn vdb_tool(arguments: &[&str]) {
+    run(judge("VDBAKE_VDB_TOOL").arg("-quiet").args(arguments)).unwrap_or_else(|error| panic!("{error}"));
 }
 
 /// What OpenVDB's own tool prints of a file, having read all of it.

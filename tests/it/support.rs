@@ -107,6 +107,14 @@ pub(crate) fn assert_same(found: &[Voxel], expected: &[Voxel], context: &str) {
     assert_eq!(found.len(), expected.len(), "{context}");
 }
 
+/// splitmix64 (Steele, Lea, Flood 2014).
+pub(crate) fn random(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
 pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }

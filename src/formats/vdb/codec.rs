@@ -17,9 +17,9 @@ pub enum Compression {
     Blosc,
 }
 
-const FLAG_ZIP: u32 = 1;
-const FLAG_ACTIVE_MASK: u32 = 2;
-const FLAG_BLOSC: u32 = 4;
+pub(super) const FLAG_ZIP: u32 = 1;
+pub(super) const FLAG_ACTIVE_MASK: u32 = 2;
+pub(super) const FLAG_BLOSC: u32 = 4;
 
 impl Compression {
     /// The flags in a grid's record.

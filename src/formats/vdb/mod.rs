@@ -8,7 +8,7 @@
 //! 3. [`write()`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same
 //!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
-//! [`read_info`] lists what a file holds without reading voxels.
+//! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`]; [`read_info`] lists only.
 //!
 //! # What is written
 //!
@@ -23,8 +23,8 @@ mod bound;
 mod builder;
 mod codec;
 mod file;
-mod header;
 mod meta;
+mod read;
 mod sink;
 mod topology;
 
@@ -35,8 +35,10 @@ pub use bound::GridBound;
 pub use builder::{EncodedBricks, VdbGridBuilder, write};
 pub use codec::{Compression, Encoder};
 pub use file::{FileHeader, FileWriter, GridHeader, VdbWriteError};
-pub use header::{FileInfo, GridInfo, Map, VdbReadError, read_info};
 pub use meta::{Meta, Metadata};
+pub use read::{
+    AnyTree, FileInfo, Grid, GridInfo, LeafView, Map, Tree, Value, VdbFile, VdbReadError, read_info,
+};
 pub use topology::{Leaf, Stats, Tile, Topology, file_order};
 
 /// First eight bytes of a file, as a little-endian number.

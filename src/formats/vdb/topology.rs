@@ -7,7 +7,7 @@ use super::codec::Encoder;
 use super::file::VdbWriteError;
 
 /// log2 of the edge in voxels of a leaf, of a lower node and of an upper node.
-const LOG2_EDGE: [u32; 3] = [3, 7, 12];
+pub(super) const LOG2_EDGE: [u32; 3] = [3, 7, 12];
 
 /// A key whose order is the order of bricks in a file.
 ///
@@ -37,13 +37,13 @@ pub struct Leaf {
 
 /// A cube of active voxels that share one value.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tile {
+pub struct Tile<T = f32> {
     /// Index of its first voxel, multiples of its edge.
     pub origin: [i32; 3],
     /// log2 of its edge in voxels: 3, 7 or 12.
     pub log2_edge: u32,
     /// The value of all its voxels.
-    pub value: f32,
+    pub value: T,
 }
 
 /// Leaves and tiles in file order.
@@ -171,11 +171,11 @@ fn first_in_file(leaf: Option<&Leaf>, tile: Option<&Tile>) -> Option<([i32; 3], 
     leaf.into_iter().chain(tile).min_by_key(|(origin, _)| file_order(*origin))
 }
 
-fn align(origin: [i32; 3], log2_edge: u32) -> [i32; 3] {
+pub(super) fn align(origin: [i32; 3], log2_edge: u32) -> [i32; 3] {
     origin.map(|c| (c >> log2_edge) << log2_edge)
 }
 
-fn last_voxel(origin: [i32; 3], log2_edge: u32) -> [i32; 3] {
+pub(super) fn last_voxel(origin: [i32; 3], log2_edge: u32) -> [i32; 3] {
     origin.map(|c| c + ((1 << log2_edge) - 1))
 }
 
@@ -329,7 +329,7 @@ fn write_mask(out: &mut impl Write, mask: &[u64]) -> io::Result<()> {
     mask.iter().try_for_each(|word| out.write_all(&word.to_le_bytes()))
 }
 
-fn grow(bounds: &mut [[i32; 3]; 2], low: [i32; 3], high: [i32; 3]) {
+pub(super) fn grow(bounds: &mut [[i32; 3]; 2], low: [i32; 3], high: [i32; 3]) {
     for axis in 0..3 {
         bounds[0][axis] = bounds[0][axis].min(low[axis]);
         bounds[1][axis] = bounds[1][axis].max(high[axis]);
@@ -337,7 +337,7 @@ fn grow(bounds: &mut [[i32; 3]; 2], low: [i32; 3], high: [i32; 3]) {
 }
 
 /// Smallest and largest index of an active voxel of a leaf.
-fn active_box(leaf: &Leaf) -> Option<[[i32; 3]; 2]> {
+pub(super) fn active_box(leaf: &Leaf) -> Option<[[i32; 3]; 2]> {
     let x0 = leaf.mask.iter().zip(0..8).find(|(word, _)| **word != 0)?.1;
     let x1 = leaf.mask.iter().zip(0..8).rfind(|(word, _)| **word != 0)?.1;
     let rows = leaf.mask.iter().fold(0, |all, word| all | word);

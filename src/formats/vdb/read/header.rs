@@ -1,46 +1,15 @@
-//! Listing what a file holds, from headers alone.
+//! What a file says of itself and of its grids, before any voxel.
 
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{Read, Seek};
 
-use super::codec::flags_text;
-use super::meta::{Meta, Metadata};
-use super::{HALF_SUFFIX, MAGIC, NAME_SUFFIX};
+use super::super::codec::flags_text;
+use super::super::meta::{Meta, Metadata};
+use super::super::{HALF_SUFFIX, MAGIC, NAME_SUFFIX};
+use super::cursor::Cursor;
+use super::error::VdbReadError;
 
-/// Versions whose grid records are laid out as read here: flags per grid, scale maps with five vectors.
+/// Versions whose grid records are laid out as read here: flags per grid, a code per node, scale maps with five vectors.
 const VERSIONS: std::ops::RangeInclusive<u32> = 222..=225;
-
-/// Why a file could not be listed.
-#[derive(Debug, thiserror::Error)]
-pub enum VdbReadError {
-    /// The input failed.
-    #[error(transparent)]
-    Io(#[from] io::Error),
-    /// The first bytes are not those of a VDB file.
-    #[error("not a VDB file")]
-    Magic,
-    /// The file's version is not among those understood.
-    #[error("VDB file version {0} is not supported (versions 222 to 225 are)")]
-    Version(u32),
-    /// The file has no offsets, so that grids cannot be skipped.
-    #[error("VDB file without grid offsets is not supported")]
-    NoOffsets,
-    /// The file ends inside something it announces.
-    #[error("truncated VDB file: {length} bytes at byte {offset} reach beyond the end")]
-    Truncated {
-        /// Where reading was.
-        offset: u64,
-        /// How many bytes were to follow.
-        length: u64,
-    },
-    /// A number makes no sense.
-    #[error("invalid VDB file: {what} at byte {offset}")]
-    Invalid {
-        /// What is wrong.
-        what: &'static str,
-        /// Where reading was.
-        offset: u64,
-    },
-}
 
 /// What a file holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,6 +24,8 @@ pub struct FileInfo {
     pub metadata: Metadata,
     /// The grids, in file order.
     pub grids: Vec<GridInfo>,
+    /// Grids that the file has besides: without offsets nothing behind a grid of an unknown type can be found.
+    pub out_of_reach: usize,
 }
 
 /// What a file says of one of its grids.
@@ -87,16 +58,11 @@ pub struct Map {
     pub matrix: Option<[[f64; 4]; 3]>,
 }
 
-/// Lists a file's grids, by jumping from one to the next.
-///
-/// Any input gives a result or an error: nothing is allocated beyond a small factor of the file's length, nothing is
-/// read twice. Entries of types that begin with `__`, which only serve loading, are left out.
-///
-/// # Errors
-/// See [`VdbReadError`].
-pub fn read_info(input: &mut (impl Read + Seek)) -> Result<FileInfo, VdbReadError> {
-    let mut cursor = Cursor::new(input)?;
-    if cursor.length < 8 || cursor.number(i64::from_le_bytes)? != MAGIC {
+/// What a file says before its grids, and how many they are.
+pub(super) fn file_header<R: Read + Seek>(
+    cursor: &mut Cursor<R>,
+) -> Result<(FileInfo, bool, i32), VdbReadError> {
+    if cursor.remaining() < 8 || cursor.number(i64::from_le_bytes)? != MAGIC {
         return Err(VdbReadError::Magic);
     }
     let version = cursor.number(u32::from_le_bytes)?;
@@ -104,163 +70,153 @@ pub fn read_info(input: &mut (impl Read + Seek)) -> Result<FileInfo, VdbReadErro
         return Err(VdbReadError::Version(version));
     }
     let library = [cursor.number(u32::from_le_bytes)?, cursor.number(u32::from_le_bytes)?];
-    if cursor.number(u8::from_le_bytes)? == 0 {
-        return Err(VdbReadError::NoOffsets);
-    }
+    let has_offsets = cursor.number(u8::from_le_bytes)? != 0;
     let uuid = String::from_utf8_lossy(&cursor.bytes(36)?).into_owned();
-    let metadata = cursor.metadata()?;
+    let metadata = metadata(cursor)?;
     let count = cursor.number(i32::from_le_bytes)?;
     if count < 0 {
         return Err(cursor.invalid("negative number of grids"));
     }
-    let mut grids = vec![];
-    for _ in 0..count {
-        grids.push(cursor.grid()?);
-    }
-    Ok(FileInfo { version, library, uuid, metadata, grids })
+    Ok((FileInfo { version, library, uuid, metadata, grids: vec![], out_of_reach: 0 }, has_offsets, count))
 }
 
-/// A position in a file of known length.
-struct Cursor<R> {
-    input: BufReader<R>,
-    position: u64,
-    length: u64,
+/// What loading a grid takes, besides what there is to say of it.
+#[derive(Debug, Clone)]
+pub(super) struct Record {
+    pub(super) unique_name: String,
+    /// Compression flags.
+    pub(super) flags: u32,
+    /// Whether values are stored as binary16: the metadata's word, as in OpenVDB, not that of the type's name.
+    pub(super) half: bool,
+    /// Whether the type of its map is known, so that its topology can be found.
+    pub(super) known_map: bool,
+    /// Where its topology begins.
+    pub(super) topology: u64,
+    /// One past its last byte; 0 while that is not known.
+    pub(super) end: u64,
 }
 
-impl<R: Read + Seek> Cursor<R> {
-    fn new(mut input: R) -> io::Result<Self> {
-        let length = input.seek(SeekFrom::End(0))?;
-        input.seek(SeekFrom::Start(0))?;
-        Ok(Self { input: BufReader::new(input), position: 0, length })
+/// Reads a grid's descriptor, metadata and transform: what comes before its topology.
+pub(super) fn grid_header<R: Read + Seek>(
+    cursor: &mut Cursor<R>,
+    has_offsets: bool,
+) -> Result<(GridInfo, Record), VdbReadError> {
+    let unique_name = cursor.text()?;
+    let type_name = cursor.text()?;
+    let instance_of = cursor.text()?;
+    let [data, _, end] = [(); 3].map(|()| cursor.number(i64::from_le_bytes));
+    let (data, end) = (data?, end?);
+    if has_offsets {
+        cursor.jump(data)?;
     }
-
-    fn invalid(&self, what: &'static str) -> VdbReadError {
-        VdbReadError::Invalid { what, offset: self.position }
-    }
-
-    /// Checks that the file goes on for this many bytes.
-    fn require(&self, length: u64) -> Result<(), VdbReadError> {
-        if length > self.length.saturating_sub(self.position) {
-            return Err(VdbReadError::Truncated { offset: self.position, length });
-        }
-        Ok(())
-    }
-
-    /// Moves forward to an absolute offset, never backward: that is why every loop here ends.
-    fn jump(&mut self, offset: i64) -> Result<(), VdbReadError> {
-        let ahead = u64::try_from(offset).ok().and_then(|offset| offset.checked_sub(self.position));
-        let length = ahead.ok_or_else(|| self.invalid("offset that points backward"))?;
-        self.require(length)?;
-        self.input.seek_relative(i64::try_from(length).map_err(|_| self.invalid("offset"))?)?;
-        self.position += length;
-        Ok(())
-    }
-
-    fn bytes(&mut self, length: u32) -> Result<Vec<u8>, VdbReadError> {
-        self.require(length.into())?;
-        let mut bytes = vec![0; usize::try_from(length).map_err(|_| self.invalid("length"))?];
-        self.input.read_exact(&mut bytes)?;
-        self.position += u64::from(length);
-        Ok(bytes)
-    }
-
-    fn number<T, const N: usize>(&mut self, from: impl Fn([u8; N]) -> T) -> Result<T, VdbReadError> {
-        self.require(N as u64)?;
-        let mut bytes = [0; N];
-        self.input.read_exact(&mut bytes)?;
-        self.position += N as u64;
-        Ok(from(bytes))
-    }
-
-    fn text(&mut self) -> Result<String, VdbReadError> {
-        let length = self.number(u32::from_le_bytes)?;
-        Ok(String::from_utf8_lossy(&self.bytes(length)?).into_owned())
-    }
-
-    fn metadata(&mut self) -> Result<Metadata, VdbReadError> {
-        let mut metadata = Metadata::new();
-        for _ in 0..self.number(u32::from_le_bytes)? {
-            let name = self.text()?;
-            let type_name = self.text()?;
-            let length = self.number(u32::from_le_bytes)?;
-            let bytes = self.bytes(length)?;
-            if !type_name.starts_with("__") {
-                let value = Meta::from_bytes(&type_name, &bytes);
-                metadata.insert(name, value.ok_or_else(|| self.invalid("metadata value of wrong size"))?);
-            }
-        }
-        Ok(metadata)
-    }
-
-    fn grid(&mut self) -> Result<GridInfo, VdbReadError> {
-        let unique_name = self.text()?;
-        let type_name = self.text()?;
-        let instance_of = self.text()?;
-        let [data, _, end] = [(); 3].map(|()| self.number(i64::from_le_bytes));
-        self.jump(data?)?;
-        let start = self.position;
-        let flags = self.number(u32::from_le_bytes)?;
-        let metadata = self.metadata()?;
-        let map = self.map()?;
-        self.jump(end?)?;
-        let name = match metadata.get("name") {
-            Some(Meta::String(name)) => name.clone(),
-            _ => unique_name.split(NAME_SUFFIX).next().unwrap_or_default().to_owned(),
-        };
-        Ok(GridInfo {
-            name,
-            type_name: type_name.strip_suffix(HALF_SUFFIX).unwrap_or(&type_name).to_owned(),
-            half: type_name.ends_with(HALF_SUFFIX),
-            instance_of,
-            compression: flags_text(flags),
-            metadata,
-            map,
-            bytes: self.position - start,
-        })
-    }
-
-    fn map(&mut self) -> Result<Map, VdbReadError> {
-        let type_name = self.text()?;
-        let matrix = match type_name.as_str() {
-            "UniformScaleMap" | "ScaleMap" => {
-                let scale = self.doubles()?;
-                self.bytes(96)?;
-                Some(scale_translate(scale, [0.0; 3]))
-            }
-            "UniformScaleTranslateMap" | "ScaleTranslateMap" => {
-                let translation = self.doubles()?;
-                let scale = self.doubles()?;
-                self.bytes(96)?;
-                Some(scale_translate(scale, translation))
-            }
-            "TranslationMap" => Some(scale_translate([1.0; 3], self.doubles()?)),
-            "AffineMap" | "UnitaryMap" => {
-                // The file's vectors are rows: its translation is the last row, ours the last column.
-                let stored: [f64; 16] = self.doubles()?;
-                Some([0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| stored[4 * column + row])))
-            }
-            _ => None,
-        };
-        Ok(Map { type_name, matrix })
-    }
-
-    fn doubles<const N: usize>(&mut self) -> Result<[f64; N], VdbReadError> {
-        let mut numbers = [0.0; N];
-        for number in &mut numbers {
-            *number = self.number(f64::from_le_bytes)?;
-        }
-        Ok(numbers)
-    }
+    let start = cursor.position();
+    let flags = cursor.number(u32::from_le_bytes)?;
+    let metadata = metadata(cursor)?;
+    let (map, known_map) = map(cursor)?;
+    let topology = cursor.position();
+    // Without offsets the caller finds the end.
+    let end = if has_offsets {
+        let end = u64::try_from(end).ok().filter(|end| *end >= topology);
+        let end = end.ok_or_else(|| cursor.invalid("offset that points backward"))?;
+        cursor.require(end - topology)?;
+        end
+    } else {
+        0
+    };
+    let name = match metadata.get("name") {
+        Some(Meta::String(name)) => name.clone(),
+        _ => unique_name.split(NAME_SUFFIX).next().unwrap_or_default().to_owned(),
+    };
+    let suffix = type_name.ends_with(HALF_SUFFIX);
+    let half = match metadata.get("is_saved_as_half_float") {
+        Some(Meta::Bool(half)) => *half,
+        _ => suffix,
+    };
+    let info = GridInfo {
+        name,
+        type_name: type_name.strip_suffix(HALF_SUFFIX).unwrap_or(&type_name).to_owned(),
+        half: suffix,
+        instance_of,
+        compression: flags_text(flags),
+        metadata,
+        map,
+        bytes: if has_offsets { end - start } else { start },
+    };
+    Ok((info, Record { unique_name, flags, half, known_map, topology, end }))
 }
 
-fn scale_translate([x, y, z]: [f64; 3], [tx, ty, tz]: [f64; 3]) -> [[f64; 4]; 3] {
-    [[x, 0.0, 0.0, tx], [0.0, y, 0.0, ty], [0.0, 0.0, z, tz]]
+fn metadata<R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<Metadata, VdbReadError> {
+    let mut metadata = Metadata::new();
+    for _ in 0..cursor.number(u32::from_le_bytes)? {
+        let name = cursor.text()?;
+        let type_name = cursor.text()?;
+        let length = cursor.number(u32::from_le_bytes)?;
+        let bytes = cursor.bytes(length)?;
+        if !type_name.starts_with("__") {
+            let value = Meta::from_bytes(&type_name, &bytes);
+            metadata.insert(name, value.ok_or_else(|| cursor.invalid("metadata value of wrong size"))?);
+        }
+    }
+    Ok(metadata)
+}
+
+/// A map, and whether its type is known.
+fn map<R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<(Map, bool), VdbReadError> {
+    let type_name = cursor.text()?;
+    let mut known = true;
+    let matrix = match type_name.as_str() {
+        "UniformScaleMap" | "ScaleMap" => {
+            let scale = cursor.doubles()?;
+            cursor.skip(96)?;
+            Some(scale_translate(scale, [0.0; 3]))
+        }
+        "UniformScaleTranslateMap" | "ScaleTranslateMap" => {
+            let translation = cursor.doubles()?;
+            let scale = cursor.doubles()?;
+            cursor.skip(96)?;
+            Some(scale_translate(scale, translation))
+        }
+        "TranslationMap" => Some(scale_translate([1.0; 3], cursor.doubles()?)),
+        "AffineMap" | "UnitaryMap" => {
+            // The file's vectors are rows: its translation is the last row, ours the last column.
+            let stored: [f64; 16] = cursor.doubles()?;
+            let [x, y, z, t] =
+                [0, 4, 8, 12].map(|at| [0, 1, 2].map(|c| stored.get(at + c).copied().unwrap_or(0.0)));
+            Some(from_columns([x, y, z, t]))
+        }
+        "NonlinearFrustumMap" => {
+            // Box, taper and depth, then the linear map behind the frustum. Not affine, but what follows can be read.
+            cursor.skip(8 * 8)?;
+            known = cursor.text()? == "AffineMap";
+            if known {
+                cursor.skip(16 * 8)?;
+            }
+            None
+        }
+        _ => {
+            known = false;
+            None
+        }
+    };
+    Ok((Map { type_name, matrix }, known))
+}
+
+fn scale_translate([x, y, z]: [f64; 3], translation: [f64; 3]) -> [[f64; 4]; 3] {
+    from_columns([[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z], translation])
+}
+
+fn from_columns([x, y, z, t]: [[f64; 3]; 4]) -> [[f64; 4]; 3] {
+    let ([xx, xy, xz], [yx, yy, yz], [zx, zy, zz], [tx, ty, tz]) = (x, y, z, t);
+    [[xx, yx, zx, tx], [xy, yy, zy, ty], [xz, yz, zz, tz]]
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{ALL, bricks, build, file, file_header, grid_header, random};
-    use super::super::{Compression, FileHeader, VdbGridBuilder, write};
+    use super::super::super::tests::{ALL, bricks, build, file, file_header, grid_header, random};
+    use super::super::super::{Compression, FileHeader, VdbGridBuilder, write};
+    use std::io;
+
+    use super::super::read_info;
     use super::*;
 
     fn read(bytes: &[u8]) -> Result<FileInfo, VdbReadError> {
@@ -353,7 +309,6 @@ mod tests {
         assert!(matches!(read(b"").err(), Some(VdbReadError::Magic)));
         assert!(matches!(read(b"#EXODUS II format").err(), Some(VdbReadError::Magic)));
         assert!(matches!(patched(8, 219), Some(VdbReadError::Version(219))));
-        assert!(matches!(patched(20, 0), Some(VdbReadError::NoOffsets)));
         assert!(matches!(patched(60, 0xff), Some(VdbReadError::Truncated { .. })));
         for end in 8..bytes.len() {
             assert!(matches!(read(&bytes[..end]).err(), Some(VdbReadError::Truncated { .. })), "{end}");

@@ -1,0 +1,118 @@
+//! Blosc-1 frames, as C-Blosc writes them.
+
+use lz4_flex::block::decompress_into;
+
+use super::error::Fault;
+
+const HEADER: usize = 16;
+const SHUFFLE: u8 = 0x01;
+const STORED: u8 = 0x02;
+const BIT_SHUFFLE: u8 = 0x04;
+const ONE_STREAM: u8 = 0x10;
+
+/// Types of more bytes, and blocks of fewer values, are not split whatever the flags say: frames older than the flag
+/// rely on it.
+const MAX_STREAMS: usize = 16;
+const MIN_VALUES: usize = 128;
+
+const CORRUPT: Fault = Fault::Invalid("Blosc frame");
+
+/// Decodes a frame that holds exactly as many bytes as `out` has. `shuffled` is working memory.
+pub(super) fn decode(frame: &[u8], shuffled: &mut Vec<u8>, out: &mut [u8]) -> Result<(), Fault> {
+    let (header, _) = frame.split_first_chunk::<HEADER>().ok_or(CORRUPT)?;
+    let [2, _, flags, type_size, sizes @ ..] = header else {
+        return Err(Fault::Unsupported("Blosc frame of another version"));
+    };
+    let sizes = sizes.as_chunks::<4>().0;
+    let size = |at: usize| sizes.get(at).and_then(|bytes| usize::try_from(u32::from_le_bytes(*bytes)).ok());
+    let (Some(raw_len), Some(block_len), Some(frame_len)) = (size(0), size(1), size(2)) else {
+        return Err(CORRUPT);
+    };
+    let frame = frame.get(..frame_len).ok_or(CORRUPT)?;
+    if raw_len != out.len() {
+        return Err(Fault::Invalid("Blosc frame of another length"));
+    }
+    if raw_len == 0 {
+        return Ok(());
+    }
+    if flags & STORED != 0 {
+        out.copy_from_slice(frame.get(HEADER..HEADER + raw_len).ok_or(CORRUPT)?);
+        return Ok(());
+    }
+    match flags >> 5 {
+        1 => {}
+        0 => return Err(Fault::Unsupported("Blosc with BloscLZ")),
+        2 => return Err(Fault::Unsupported("Blosc with Snappy")),
+        3 => return Err(Fault::Unsupported("Blosc with zlib")),
+        4 => return Err(Fault::Unsupported("Blosc with Zstandard")),
+        _ => return Err(CORRUPT),
+    }
+    if flags & BIT_SHUFFLE != 0 {
+        return Err(Fault::Unsupported("Blosc with bit shuffle"));
+    }
+    let type_size = usize::from(*type_size);
+    if block_len == 0 || type_size == 0 {
+        return Err(CORRUPT);
+    }
+    let splits = flags & ONE_STREAM == 0 && type_size <= MAX_STREAMS && block_len / type_size >= MIN_VALUES;
+    for (index, block) in out.chunks_mut(block_len).enumerate() {
+        let offset = u32_at(frame, HEADER + 4 * index)?;
+        let streams = if splits && block.len() == block_len { type_size } else { 1 };
+        if flags & SHUFFLE != 0 && type_size > 1 {
+            shuffled.resize(block.len(), 0);
+            streams_into(frame, offset, streams, shuffled)?;
+            unshuffle(shuffled, type_size, block);
+        } else {
+            streams_into(frame, offset, streams, block)?;
+        }
+    }
+    Ok(())
+}
+
+fn u32_at(frame: &[u8], at: usize) -> Result<usize, Fault> {
+    let bytes = frame.get(at..).and_then(|rest| rest.first_chunk()).ok_or(CORRUPT)?;
+    usize::try_from(u32::from_le_bytes(*bytes)).map_err(|_| CORRUPT)
+}
+
+/// Decodes the streams of a block, which follow one another.
+fn streams_into(frame: &[u8], mut offset: usize, streams: usize, block: &mut [u8]) -> Result<(), Fault> {
+    let stream_len = block.len() / streams;
+    if stream_len * streams != block.len() {
+        return Err(CORRUPT);
+    }
+    for part in block.chunks_mut(stream_len) {
+        let len = u32_at(frame, offset)?;
+        let stream = frame.get(offset + 4..).and_then(|rest| rest.get(..len)).ok_or(CORRUPT)?;
+        offset += 4 + len;
+        if len == part.len() {
+            part.copy_from_slice(stream);
+        } else if !decompress_into(stream, part).is_ok_and(|len| len == part.len()) {
+            return Err(Fault::Invalid("LZ4 stream"));
+        }
+    }
+    Ok(())
+}
+
+/// Puts the bytes of each value together again: all first bytes come first, then all second ones.
+fn unshuffle(shuffled: &[u8], type_size: usize, out: &mut [u8]) {
+    let count = out.len() / type_size;
+    if type_size == 4 {
+        let (planes, rest) = shuffled.split_at(4 * count);
+        let (low, high) = planes.split_at(2 * count);
+        let ((a, b), (c, d)) = (low.split_at(count), high.split_at(count));
+        let (values, tail) = out.as_chunks_mut::<4>();
+        for ((((value, a), b), c), d) in values.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *value = [*a, *b, *c, *d];
+        }
+        tail.copy_from_slice(rest);
+        return;
+    }
+    let (planes, rest) = shuffled.split_at(type_size * count);
+    let (values, tail) = out.split_at_mut(type_size * count);
+    for (place, plane) in planes.chunks_exact(count.max(1)).enumerate() {
+        for (byte, value) in plane.iter().zip(values.iter_mut().skip(place).step_by(type_size)) {
+            *value = *byte;
+        }
+    }
+    tail.copy_from_slice(rest);
+}

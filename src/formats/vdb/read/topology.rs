@@ -1,0 +1,133 @@
+//! The topology stream: root, inner nodes and masks of leaves, in depth-first order.
+
+use std::io::{Read, Seek};
+
+use super::super::topology::{LOG2_EDGE, Leaf, align};
+use super::block::{Layout, Length, Scratch};
+use super::cursor::Cursor;
+use super::error::VdbReadError;
+use super::node::Node;
+use super::tree::{RootTile, Tree, child_origin};
+use super::value::Value;
+
+/// Reads a tree without its leaves' values, and how those are stored.
+pub(super) fn read<T: Value, R: Read + Seek>(
+    cursor: &mut Cursor<R>,
+    flags: u32,
+    half: bool,
+) -> Result<(Tree<T>, Layout<T>), VdbReadError> {
+    if cursor.number(i32::from_le_bytes)? != 1 {
+        return Err(cursor.invalid("number of buffers"));
+    }
+    let background = value(cursor)?;
+    let layout = Layout { flags, half, background };
+    let [tiles, children] = [(); 2].map(|()| cursor.number(u32::from_le_bytes));
+    let (tiles, children) = (tiles?, children?);
+    let root_tiles = vec![];
+    let mut tree =
+        Tree { background, root_tiles, uppers: vec![], lowers: vec![], leaves: vec![], pages: vec![] };
+    for _ in 0..tiles {
+        let origin = root_origin(cursor)?;
+        let tile = RootTile { origin, value: value(cursor)?, active: cursor.number(u8::from_le_bytes)? != 0 };
+        tree.root_tiles.push(tile);
+    }
+    let mut reader = Reader { cursor, layout, scratch: Scratch::default(), block: vec![], values: vec![] };
+    for _ in 0..children {
+        let origin = root_origin(reader.cursor)?;
+        let upper = reader.node(origin, 32768, tree.lowers.len())?;
+        for at in upper.children.ones() {
+            let lower = reader.node(child_origin(origin, at, 2), 4096, tree.leaves.len())?;
+            reader.cursor.require_all(lower.children.count(), 64)?;
+            for at in lower.children.ones() {
+                let mut mask = [0; 8];
+                reader.cursor.mask(&mut mask)?;
+                tree.leaves.push(Leaf { origin: child_origin(lower.origin, at, 1), mask });
+            }
+            tree.lowers.push(lower);
+        }
+        tree.uppers.push(upper);
+    }
+    sort(&mut tree);
+    let single = tree.uppers.is_sorted_by(|a, b| a.origin < b.origin)
+        && tree.root_tiles.is_sorted_by(|a, b| a.origin < b.origin);
+    if !single {
+        return Err(cursor.invalid("entry of the root that is there twice"));
+    }
+    Ok((tree, layout))
+}
+
+struct Reader<'a, T, R> {
+    cursor: &'a mut Cursor<R>,
+    layout: Layout<T>,
+    scratch: Scratch<T>,
+    block: Vec<u8>,
+    values: Vec<T>,
+}
+
+impl<T: Value, R: Read + Seek> Reader<'_, T, R> {
+    fn node(
+        &mut self,
+        origin: [i32; 3],
+        entries: usize,
+        first_child: usize,
+    ) -> Result<Node<T>, VdbReadError> {
+        let [mut children, mut active] = [vec![0; entries / 64], vec![0; entries / 64]];
+        self.cursor.mask(&mut children)?;
+        self.cursor.mask(&mut active)?;
+        let count = active.iter().map(|word| word.count_ones() as usize).sum();
+
+        let start = self.cursor.position();
+        self.block.clear();
+        loop {
+            let length = self.layout.measure(&self.block, entries, count);
+            let (Length::Whole(length) | Length::AtLeast(length)) =
+                length.map_err(|fault| fault.at(start))?;
+            let Some(missing) = length.checked_sub(self.block.len()).filter(|missing| *missing > 0) else {
+                break;
+            };
+            self.cursor.append(missing, &mut self.block)?;
+        }
+        self.values.resize(entries, self.layout.background);
+        self.layout
+            .decode(&self.block, &active, &mut self.scratch, &mut self.values)
+            .map_err(|fault| fault.at(start))?;
+        Ok(Node::new(origin, children, first_child, active, &self.values))
+    }
+}
+
+fn value<T: Value, R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<T, VdbReadError> {
+    let mut bytes = vec![];
+    cursor.append(T::SIZE, &mut bytes)?;
+    let mut value = [T::ZERO];
+    T::decode(&bytes, &mut value);
+    Ok(value[0])
+}
+
+fn root_origin<R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<[i32; 3], VdbReadError> {
+    let origin = cursor.index()?;
+    if align(origin, LOG2_EDGE[2]) != origin {
+        return Err(cursor.invalid("entry of the root between its places"));
+    }
+    Ok(origin)
+}
+
+/// Sorts the root's entries. Leaf buffers follow in the sorted order, whatever that of the topology was.
+fn sort<T: Value>(tree: &mut Tree<T>) {
+    tree.root_tiles.sort_by_key(|tile| tile.origin);
+    if tree.uppers.is_sorted_by_key(|upper| upper.origin) {
+        return;
+    }
+    tree.uppers.sort_by_key(|upper| upper.origin);
+    let (old_lowers, old_leaves) = (std::mem::take(&mut tree.lowers), std::mem::take(&mut tree.leaves));
+    for upper in &mut tree.uppers {
+        let lowers = old_lowers.iter().skip(upper.first_child).take(upper.children.count());
+        upper.first_child = tree.lowers.len();
+        for lower in lowers {
+            let leaves = old_leaves.iter().skip(lower.first_child).take(lower.children.count());
+            let mut lower = lower.clone();
+            lower.first_child = tree.leaves.len();
+            tree.leaves.extend(leaves);
+            tree.lowers.push(lower);
+        }
+    }
+}
