@@ -19,6 +19,9 @@ use crate::volume::{Lattice, Plan, PlanError};
 pub(super) const VDB_MAGIC: [u8; 8] = *b" BDV\0\0\0\0";
 /// Files that are larger are no scenes.
 const LARGEST_SCENE: u64 = 256 << 20;
+/// A brick is reached by about so many pieces of axes.
+const CONTACTS: f64 = 4.0;
+
 #[derive(Debug, Args)]
 pub(super) struct Options {
     /// Edge of a voxel in metres [default: what the scene says]
@@ -72,6 +75,8 @@ pub(super) struct Job {
     pub(super) bounds: Option<[[f64; 3]; 2]>,
     /// Memory to work in.
     budget: Amount,
+    /// Bytes that the process took at most until the scene was compiled.
+    resident: u64,
 }
 
 impl Job {
@@ -100,7 +105,7 @@ impl Job {
             octave_fade: scene.bake().octave_fade,
         };
         let budget = options.memory.unwrap_or_else(Amount::installed);
-        Ok(Job { scene, field, lattice, compression, settings, bounds, budget })
+        Ok(Job { scene, field, lattice, compression, settings, bounds, budget, resident: memory::resident() })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -112,46 +117,52 @@ impl Job {
     pub(super) fn plan(&self) -> Result<Plan, Failure> {
         match self.try_plan(self.lattice) {
             Ok(plan) => Ok(plan),
-            Err(Misfit::Memory { bricks, exact, need }) => Err(self.over_budget(bricks, exact, need)),
+            Err(Misfit::Memory { bricks, need }) => Err(self.over_budget(bricks, need)),
             Err(Misfit::Range(error)) => Err(self.out_of_range(error)),
         }
     }
 
     /// Upper bound of the memory in bytes that the process takes to bake a plan on the current `rayon` pool.
     pub(super) fn memory(&self, plan: &Plan) -> u64 {
-        memory::process(self.scene.text().len()) + memory::bricks(plan, self.compression)
+        self.process() + memory::bricks(plan, self.compression)
+    }
+
+    /// The part of it that does not depend on the plan.
+    fn process(&self) -> u64 {
+        memory::process(self.resident, self.scene.text().len())
     }
 
     /// The plan at a lattice, or why there is none.
     fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
-        let process = memory::process(self.scene.text().len());
+        let process = self.process();
         match Plan::new(&self.field, lattice, self.budget.bytes().saturating_sub(process)) {
             Ok(plan) if self.memory(&plan) <= self.budget.bytes() => Ok(plan),
-            #[allow(clippy::cast_precision_loss, reason = "for show, and a search tried out at every step")]
-            Ok(plan) => Err(Misfit::Memory {
-                bricks: plan.bricks() as f64,
-                exact: true,
-                need: self.memory(&plan) as f64,
-            }),
+            #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
+            Ok(plan) => {
+                Err(Misfit::Memory { bricks: Some(plan.bricks() as u64), need: self.memory(&plan) as f64 })
+            }
             #[allow(clippy::cast_precision_loss, reason = "as above")]
-            Err(PlanError::TooMany { bricks, .. }) => Err(Misfit::Memory {
-                bricks,
-                exact: false,
-                need: process as f64 + bricks * memory::brick(self.compression) as f64,
+            Err(PlanError::TooMany { bricks }) => Err(Misfit::Memory {
+                bricks: None,
+                need: process as f64 + bricks / CONTACTS * memory::brick(self.compression) as f64,
             }),
             Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }
     }
 
-    fn over_budget(&self, bricks: f64, exact: bool, need: f64) -> Failure {
+    fn over_budget(&self, bricks: Option<u64>, need: f64) -> Failure {
         #[allow(clippy::cast_precision_loss, reason = "for show")]
         let budget = self.budget.show(self.budget.bytes() as f64);
-        let failure = Failure::failed(format!(
-            "too many bricks for the memory: a bake of {}{} of 8^3 voxels takes up to {}, and {budget} may be used",
-            if exact { "" } else { "about " },
-            text::number(whole(bricks), "brick"),
-            self.budget.show(need),
-        ));
+        let failure = Failure::failed(match bricks {
+            Some(bricks) => format!(
+                "too many bricks for the memory: a bake of {} of 8^3 voxels takes up to {}, and {budget} may be used",
+                text::number(bricks, "brick"),
+                self.budget.show(need),
+            ),
+            None => format!(
+                "too many bricks for the memory: to plan them takes more than the {budget} that may be used"
+            ),
+        });
         match self.fitting(self.coarser(self.lattice.voxel_size, need)) {
             Some(size) => failure.hint(format!("--voxel-size {size} fits, or allow more with --memory")),
             None => {
@@ -193,7 +204,7 @@ impl Job {
 
     /// A voxel size that may fit the memory where `voxel_size` needs so many bytes.
     fn coarser(&self, voxel_size: f64, need: f64) -> Option<f64> {
-        let process = memory::process(self.scene.text().len());
+        let process = self.process();
         let left = self.budget.bytes().checked_sub(process).filter(|&left| left > 0)?;
         // Bricks grow with the voxel's inverse cube at most, so the cube root never goes far beyond what fits.
         #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
@@ -223,8 +234,9 @@ impl Job {
 /// Why a voxel size cannot be baked.
 #[derive(Debug)]
 enum Misfit {
-    /// The bricks, exactly counted or about, need more bytes than there are.
-    Memory { bricks: f64, exact: bool, need: f64 },
+    /// The process with so many bricks needs more bytes than it may use. Where even the plan does, the bricks are not
+    /// known, and the bytes are a guess.
+    Memory { bricks: Option<u64>, need: f64 },
     /// Beyond what voxels can be numbered.
     Range(PlanError),
 }
@@ -266,14 +278,6 @@ fn round_up(x: f64) -> f64 {
     let exponent = libm::floor(libm::log10(x)) - 2.0;
     let digits = (x / libm::pow(10.0, exponent)).ceil();
     format!("{digits}e{exponent}").parse().unwrap_or(x)
-}
-
-/// A count that was estimated.
-fn whole(bricks: f64) -> u64 {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
-    {
-        bricks as u64
-    }
 }
 
 /// Reads a scene file.

@@ -13,13 +13,13 @@ use crate::volume::Plan;
 const PROCESS: u64 = 6 << 20;
 /// Bytes for each thread: a run of 64 bricks, working memory of the evaluation, and of the encoder.
 const THREAD: u64 = 384 << 10;
-/// Bytes for each byte of the scene's text, which is parsed, compiled and repeated in the file.
-const TEXT: u64 = 40;
+/// Times that a bake repeats the scene's text, for the file.
+const COPIES: u64 = 4;
 /// Bytes for each brick besides its encoded values: place and mask, in a list that grows by doubling.
 const PLACE: u64 = 160;
 /// Bricks that are handed on together. Until then each is held once more, in lists that grow by doubling.
 const IN_FLIGHT: u64 = 8192;
-/// A plan in the making sorts pairs of 16 bytes, held twice while lists are joined, for every 4 that it keeps.
+/// While a plan is made, a contact of a brick and a piece of an axis takes 36 bytes, of which at least 4 are kept.
 const PLANNING: u64 = 9;
 
 /// Bytes of memory, in binary or decimal units as the user gave them.
@@ -58,9 +58,16 @@ impl FromStr for Amount {
     }
 }
 
-/// Upper bound of what the process takes besides bricks, on the current `rayon` pool, for a scene of so many bytes.
-pub(super) fn process(text: usize) -> u64 {
-    PROCESS + THREAD * rayon::current_num_threads() as u64 + TEXT.saturating_mul(text as u64)
+/// Bytes that the process took so far at most, as far as the system tells.
+pub(super) fn resident() -> u64 {
+    machine::peak_memory().unwrap_or(0)
+}
+
+/// Upper bound of what the process takes besides bricks, on the current `rayon` pool, when it took `resident` bytes to
+/// compile a scene of `text` bytes.
+pub(super) fn process(resident: u64, text: usize) -> u64 {
+    // Only large scenes take more than the process itself, so that the bound is the same on every run for all others.
+    PROCESS.max(resident) + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
 }
 
 /// Upper bound of what a plan and its bricks take.
