@@ -82,7 +82,10 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let plan = pool.install(|| job.plan())?;
     drop(planning);
     if plan.bricks() == 0 {
-        global.note("the scene holds no density; its grid is empty");
+        global.note(match job.bounds {
+            None => "the scene holds no density; its grid is empty",
+            Some(_) => "the density lies between the centres of all voxels; the grid is empty",
+        });
     }
     let planned = clock.read();
 

@@ -14,7 +14,7 @@ use crate::formats::vdb::{self, Compression, GridBound, VdbGridBuilder};
 use crate::num::Level;
 use crate::volume::{self, Plan};
 
-/// Bricks that are baked for the estimates, in one sample after the other, each the old ones' cost or more.
+/// Bricks that are baked for the estimates: one sample after the other, as long as there is time.
 const SAMPLES: [usize; 4] = [4, 16, 64, 256];
 /// Seconds after which no larger sample is begun.
 const PATIENCE: f64 = 0.5;
