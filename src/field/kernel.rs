@@ -157,6 +157,10 @@ impl<'a, R: Real> Rows<'a, R> {
     /// Moves to the batch that begins at place `index`.
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "kernels hold no iterator adaptors: they may not be inlined"
+    )]
     fn go(&mut self, token: R::Token, index: usize) {
         let slope = &self.piece.slope;
         match self.places {
