@@ -11,10 +11,9 @@ use serde::Serialize;
 use super::interrupt::{Interrupt, Stopped, Watched};
 use super::job::{self, Job, Options};
 use super::output::Output;
-use super::progress::Progress;
-use super::recipe::Recipe;
+use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, text};
-use crate::formats::vdb::{self, FileHeader, GridHeader, VdbGridBuilder, VdbWriteError};
+use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
 use crate::volume::{self, Phases, Plan, Tally};
 
@@ -77,11 +76,16 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     check_name(arguments.output.as_deref())?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
+    let planning = Planning::new(global.quiet);
     let job = Job::new(&arguments.scene, &arguments.options)?;
     let path = job::output_path(arguments.output.as_deref(), &job.scene);
     let plan = pool.install(|| job.plan())?;
+    drop(planning);
     if plan.bricks() == 0 {
-        global.note("the scene holds no density; its grid is empty");
+        global.note(match job.bounds {
+            None => "the scene holds no density; its grid is empty",
+            Some(_) => "the density lies between the centres of all voxels; the grid is empty",
+        });
     }
     let planned = clock.read();
 
@@ -91,11 +95,14 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let (grid, tally, phases) = pool.install(|| evaluate(&job, &plan, &interrupt, &mut progress))?;
     drop(progress);
     let evaluated = clock.read();
+    if plan.bricks() > 0 && tally.active_voxels == 0 {
+        global.note(
+            "no voxel is active: the density is at or below the cutoff, or between the centres of all voxels; the grid is empty",
+        );
+    }
 
     let content = text::hexadecimal(&tally.content_hash);
-    let recipe = Recipe::new(job.scene.text(), &job.settings)
-        .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
-    let header = FileHeader { uuid: recipe.uuid(), metadata: recipe.metadata(&content) };
+    let header = job.file_header(&content)?;
     let bytes = write(&mut output, &job, &header, &grid, &interrupt)
         .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))
         .or_else(|failure| interrupt.check().and(Err(failure)))?;
@@ -163,16 +170,8 @@ fn write(
     grid: &VdbGridBuilder,
     interrupt: &Interrupt,
 ) -> Result<u64, VdbWriteError> {
-    let voxel_size = job.lattice.voxel_size;
-    let grid_header = GridHeader {
-        name: "density".to_owned(),
-        voxel_size,
-        // Voxel i is the cell from i h to (i + 1) h, and the file places its centre.
-        translation: [0.5 * voxel_size; 3],
-        metadata: vdb::Metadata::new(),
-    };
     let file = Watched { inner: output.file(), interrupt };
-    let bytes = vdb::write(file, header, &[(&grid_header, grid)])?;
+    let bytes = vdb::write(file, header, &[(&job.grid_header(), grid)])?;
     output.sync().map_err(io::Error::into).map(|()| bytes)
 }
 
@@ -228,19 +227,23 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
     table.row(
         "active voxels",
         format!(
-            "{} in {} leaves and {} tiles, of {} bricks searched",
+            "{} in {} and {}, of {} searched",
             text::count(report.active_voxels),
-            text::count(report.leaves),
-            text::count(report.tiles),
-            text::count(report.planned_bricks),
+            if report.leaves == 1 {
+                "1 leaf".to_owned()
+            } else {
+                format!("{} leaves", text::count(report.leaves))
+            },
+            text::number(report.tiles, "tile"),
+            text::number(report.planned_bricks, "brick"),
         ),
     );
     table.row(
         "time",
         format!(
-            "{} on {} threads: plan {}, evaluate {}, encode {}, write {}",
+            "{} on {}: plan {}, evaluate {}, encode {}, write {}",
             text::seconds(times.total),
-            report.threads,
+            text::number(report.threads as u64, "thread"),
             text::seconds(times.plan),
             text::seconds(times.evaluate),
             text::seconds(times.encode),

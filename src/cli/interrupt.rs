@@ -32,6 +32,7 @@ impl Interrupt {
         [SIGINT, SIGTERM]
             .into_iter()
             .try_for_each(|signal| register(signal).map(|_| ()))
+            .and_then(|()| fail_beyond_size_limit())
             .map_err(|error: io::Error| Failure::failed("cannot listen for signals").because(error))?;
         Ok(interrupt)
     }
@@ -49,6 +50,18 @@ impl Interrupt {
     pub(super) fn check(&self) -> Result<(), Failure> {
         if self.is_noted() { Err(Failure::interrupted()) } else { Ok(()) }
     }
+}
+
+/// Lets a write beyond the limit of a file's size fail with an error, like one to a full disk; unheard, the signal would
+/// end the program at once and leave the partial file.
+#[cfg(unix)]
+fn fail_beyond_size_limit() -> io::Result<()> {
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()).map(|_| ())
+}
+
+#[cfg(not(unix))]
+fn fail_beyond_size_limit() -> io::Result<()> {
+    Ok(())
 }
 
 /// A sink or an output that fails once a signal has come.

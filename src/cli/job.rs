@@ -4,40 +4,40 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use bytesize::ByteSize;
 use clap::{Args, ValueEnum};
 
-use super::recipe::{Settings, compression_name};
-use super::{Failure, machine, text};
+use super::memory::{self, Amount};
+use super::recipe::{Recipe, Settings, compression_name};
+use super::{Failure, text};
 use crate::field::Field;
-use crate::formats::vdb::Compression;
+use crate::formats::vdb::{self, Compression, FileHeader, GridHeader};
+use crate::scene::limit::{ANY, POSITIVE};
 use crate::scene::{Scene, SceneErrors, Step};
 use crate::volume::{Lattice, Plan, PlanError};
 
+/// The first bytes of every VDB file.
+pub(super) const VDB_MAGIC: [u8; 8] = *b" BDV\0\0\0\0";
 /// Files that are larger are no scenes.
 const LARGEST_SCENE: u64 = 256 << 20;
-/// Bytes that a brick takes in memory at most: its values, not compressed, and its place in the tree.
-const BRICK: u64 = 2048 + 200;
-/// Bricks whose values are held twice while they are handed on.
-const IN_FLIGHT: u64 = 8192;
-/// Settings of a size lie between this and its inverse.
-const SMALLEST: f64 = 1e-9;
+/// A brick is reached by about so many pieces of axes.
+const CONTACTS: f64 = 4.0;
 
 /// What a scene is compiled with.
 #[derive(Debug, Args)]
 pub(super) struct SceneOptions {
     /// Edge of a voxel in metres [default: what the scene says]
-    #[arg(long, value_name = "H", value_parser = size, conflicts_with = "resolution")]
+    #[arg(long, value_name = "H", value_parser = size, conflicts_with = "resolution", allow_negative_numbers = true)]
     voxel_size: Option<f64>,
     /// Voxels along the longest side of the density's bounds [default: what the scene says, else 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
+        allow_negative_numbers = true)]
     resolution: Option<u32>,
     /// Seconds after the scene's start frame [default: 0]
     #[arg(long, value_name = "T", value_parser = time, allow_negative_numbers = true)]
     time: Option<f64>,
     /// Memory to work in, such as 500MB or 2GiB [default: three quarters of the machine's]
-    #[arg(long, value_name = "SIZE")]
-    memory: Option<ByteSize>,
+    #[arg(long, value_name = "SIZE", allow_negative_numbers = true)]
+    memory: Option<Amount>,
 }
 
 /// What a bake is made with.
@@ -61,15 +61,14 @@ enum Codec {
 }
 
 fn size(text: &str) -> Result<f64, String> {
-    let admitted = SMALLEST..=1.0 / SMALLEST;
-    let size = text.parse().ok().filter(|size| admitted.contains(size));
-    size.ok_or_else(|| "expected metres, a number above 0 (1e-9 to 1e9)".to_owned())
+    let size = text.parse().ok().filter(|size| POSITIVE.admits(*size));
+    size.ok_or_else(|| format!("expected metres, {}", POSITIVE.range))
 }
 
 fn time(text: &str) -> Result<f64, String> {
-    let time = text.parse().ok().filter(|time: &f64| time.abs() <= 1.0 / SMALLEST);
+    let time = text.parse().ok().filter(|time| ANY.admits(*time));
     // Adding 0 makes a negative zero positive, so that the two are one setting.
-    time.map(|time| time + 0.0).ok_or_else(|| "expected seconds, a number from -1e9 to 1e9".to_owned())
+    time.map(|time: f64| time + 0.0).ok_or_else(|| format!("expected seconds, {}", ANY.range))
 }
 
 impl SceneOptions {
@@ -83,9 +82,9 @@ impl SceneOptions {
         given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
 
-    /// Bytes of memory to work in.
-    pub(super) fn budget(&self) -> u64 {
-        self.memory.map_or_else(machine::default_budget, |memory| memory.0)
+    /// Memory to work in.
+    pub(super) fn budget(&self) -> Amount {
+        self.memory.unwrap_or_else(Amount::installed)
     }
 }
 
@@ -128,8 +127,10 @@ pub(super) struct Job {
     pub(super) settings: Settings,
     /// Corners of the box around the density, in metres; `None` where there is none.
     pub(super) bounds: Option<[[f64; 3]; 2]>,
-    /// Bytes of memory to work in.
-    budget: u64,
+    /// Memory to work in.
+    budget: Amount,
+    /// Bytes that the process took at most until the scene was compiled.
+    resident: u64,
 }
 
 impl Job {
@@ -150,7 +151,7 @@ impl Job {
             octave_fade: scene.bake().octave_fade,
         };
         let budget = options.scene.budget();
-        Ok(Job { scene, field, lattice, compression, settings, bounds, budget })
+        Ok(Job { scene, field, lattice, compression, settings, bounds, budget, resident: memory::resident() })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -158,64 +159,141 @@ impl Job {
         dimensions(self.bounds, self.lattice.voxel_size)
     }
 
-    /// The candidate bricks, if baking them cannot exceed the memory.
+    /// The candidate bricks, if baking them on the current `rayon` pool cannot exceed the memory.
     pub(super) fn plan(&self) -> Result<Plan, Failure> {
-        let plan = match Plan::new(&self.field, self.lattice, self.budget) {
-            Ok(plan) => plan,
-            Err(PlanError::TooMany { bricks, .. }) => return Err(self.over_budget(bricks, "about ")),
-            Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => {
-                return Err(Failure::failed(error.to_string()).hint("take a larger --voxel-size"));
+        match self.try_plan(self.lattice) {
+            Ok(plan) => Ok(plan),
+            Err(Misfit::Memory { bricks, need }) => Err(self.over_budget(bricks, need)),
+            Err(Misfit::Range(error)) => Err(self.out_of_range(error)),
+        }
+    }
+
+    /// Upper bound of the memory in bytes that the process takes to bake a plan on the current `rayon` pool.
+    pub(super) fn memory(&self, plan: &Plan) -> u64 {
+        self.process() + memory::bricks(plan, self.compression)
+    }
+
+    /// The part of it that does not depend on the plan.
+    fn process(&self) -> u64 {
+        memory::process(self.resident, self.scene.text().len())
+    }
+
+    /// The plan at a lattice, or why there is none.
+    fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
+        let process = self.process();
+        match Plan::new(&self.field, lattice, self.budget.bytes().saturating_sub(process)) {
+            Ok(plan) if self.memory(&plan) <= self.budget.bytes() => Ok(plan),
+            #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
+            Ok(plan) => {
+                Err(Misfit::Memory { bricks: Some(plan.bricks() as u64), need: self.memory(&plan) as f64 })
             }
-        };
-        if memory(&plan) > self.budget {
-            #[allow(clippy::cast_precision_loss, reason = "for show")]
-            return Err(self.over_budget(plan.bricks() as f64, ""));
+            #[allow(clippy::cast_precision_loss, reason = "as above")]
+            Err(PlanError::TooMany { bricks }) => Err(Misfit::Memory {
+                bricks: None,
+                need: process as f64 + bricks / CONTACTS * memory::brick(self.compression) as f64,
+            }),
+            Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }
-        Ok(plan)
     }
 
-    fn over_budget(&self, bricks: f64, about: &str) -> Failure {
+    fn over_budget(&self, bricks: Option<u64>, need: f64) -> Failure {
         #[allow(clippy::cast_precision_loss, reason = "for show")]
-        let (need, budget) = (bricks * BRICK as f64, self.budget as f64);
-        let failure = Failure::failed(format!(
-            "too many bricks for the memory: {about}{} bricks of 8^3 voxels take up to {}, and {} may be used",
-            whole(bricks),
-            amount(need),
-            text::bytes(self.budget),
-        ));
-        match self.fitting(need / budget) {
+        let budget = self.budget.show(self.budget.bytes() as f64);
+        let failure = Failure::failed(match bricks {
+            Some(bricks) => format!(
+                "too many bricks for the memory: a bake of {} of 8^3 voxels takes up to {}, and {budget} may be used",
+                text::number(bricks, "brick"),
+                self.budget.show(need),
+            ),
+            None => format!(
+                "too many bricks for the memory: to plan them takes more than the {budget} that may be used"
+            ),
+        });
+        match self.fitting(self.coarser(self.lattice.voxel_size, need)) {
             Some(size) => failure.hint(format!("--voxel-size {size} fits, or allow more with --memory")),
-            None => failure.hint("allow more with --memory"),
+            None => {
+                failure.hint("no voxel size fits that leaves any of the density: allow more with --memory")
+            }
         }
     }
 
-    /// A voxel size whose plan fits the memory, tried out, when this one takes `excess` times too much.
-    fn fitting(&self, mut excess: f64) -> Option<f64> {
+    fn out_of_range(&self, error: PlanError) -> Failure {
+        let failure = Failure::failed(error.to_string());
+        match self.bounds.and_then(|bounds| self.fitting(Some(smallest_in_range(bounds)))) {
+            Some(size) => failure.hint(format!("--voxel-size {size} fits")),
+            None => failure.hint(
+                "no voxel size fits that leaves any of the density: move the scene nearer to the origin, or divide it",
+            ),
+        }
+    }
+
+    /// A voxel size from `first` upwards that can be baked and leaves some of the density, tried out.
+    fn fitting(&self, first: Option<f64>) -> Option<f64> {
         const TRIALS: usize = 40;
-        let mut lattice = self.lattice;
+        let [lo, hi] = self.bounds?;
+        let longest = [0, 1, 2].map(|axis| hi[axis] - lo[axis]).into_iter().fold(0.0, f64::max);
+        let mut next = first;
         for _ in 0..TRIALS {
-            // Bricks grow with the voxel's inverse cube at most, so the cube root never goes far beyond what fits.
-            let larger = lattice.voxel_size * libm::cbrt(excess).max(1.02);
-            lattice.voxel_size = round_up(larger);
-            if !lattice.voxel_size.is_finite() {
+            // Larger voxels than the whole show nothing of it.
+            let voxel_size = round_up(next?);
+            if voxel_size > longest || !POSITIVE.admits(voxel_size) {
                 return None;
             }
-            #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
-            match Plan::new(&self.field, lattice, self.budget) {
-                Ok(plan) if memory(&plan) <= self.budget => return Some(lattice.voxel_size),
-                Ok(plan) => excess = memory(&plan) as f64 / self.budget as f64,
-                Err(PlanError::TooMany { bricks, .. }) => excess = bricks * BRICK as f64 / self.budget as f64,
-                Err(PlanError::IndexRange { .. } | PlanError::TooWide) => excess = 8.0,
-            }
+            next = match self.try_plan(Lattice { voxel_size }) {
+                Ok(plan) => return (plan.bricks() > 0).then_some(voxel_size),
+                Err(Misfit::Memory { need, .. }) => self.coarser(voxel_size, need),
+                Err(Misfit::Range(_)) => Some(2.0 * voxel_size),
+            };
         }
         None
     }
+
+    /// A voxel size that may fit the memory where `voxel_size` needs so many bytes.
+    fn coarser(&self, voxel_size: f64, need: f64) -> Option<f64> {
+        let process = self.process();
+        let left = self.budget.bytes().checked_sub(process).filter(|&left| left > 0)?;
+        // Bricks grow with the voxel's inverse cube at most, so the cube root never goes far beyond what fits.
+        #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
+        Some(voxel_size * libm::cbrt((need - process as f64) / left as f64).max(1.02))
+    }
+
+    /// The file around the grid. `content` is the hash of all values, in hexadecimal.
+    pub(super) fn file_header(&self, content: &str) -> Result<FileHeader, Failure> {
+        let recipe = Recipe::new(self.scene.text(), &self.settings)
+            .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
+        Ok(FileHeader { uuid: recipe.uuid(), metadata: recipe.metadata(content) })
+    }
+
+    /// The grid's name and place.
+    pub(super) fn grid_header(&self) -> GridHeader {
+        let voxel_size = self.lattice.voxel_size;
+        GridHeader {
+            name: "density".to_owned(),
+            voxel_size,
+            // Voxel i is the cell from i h to (i + 1) h, and the file places its centre.
+            translation: [0.5 * voxel_size; 3],
+            metadata: vdb::Metadata::new(),
+        }
+    }
 }
 
-/// Upper bound of the memory in bytes that a bake of this plan takes for its bricks.
-pub(super) fn memory(plan: &Plan) -> u64 {
-    let bricks = plan.bricks() as u64;
-    plan.memory() as u64 + BRICK * (bricks + bricks.min(IN_FLIGHT))
+/// Why a voxel size cannot be baked.
+#[derive(Debug)]
+enum Misfit {
+    /// The process with so many bricks needs more bytes than it may use. Where even the plan does, the bricks are not
+    /// known, and the bytes are a guess.
+    Memory { bricks: Option<u64>, need: f64 },
+    /// Beyond what voxels can be numbered.
+    Range(PlanError),
+}
+
+/// About the smallest voxel size in metres at which bounds can be planned: 2^31 voxels to either side of the origin, and
+/// 2^24 from end to end, each less a margin of two nodes of 4096 voxels.
+fn smallest_in_range([lo, hi]: [[f64; 3]; 2]) -> f64 {
+    let largest = |of: fn(f64, f64) -> f64| (0..3).map(|axis| of(lo[axis], hi[axis])).fold(0.0, f64::max);
+    let farthest = largest(|lo, hi| lo.abs().max(hi.abs())) / f64::from(i32::MAX - 8192);
+    let widest = largest(|lo, hi| hi - lo) / f64::from((1 << 24) - 8192);
+    farthest.max(widest)
 }
 
 /// The voxel size in metres that a step means for a density of these bounds.
@@ -248,18 +326,6 @@ fn round_up(x: f64) -> f64 {
     format!("{digits}e{exponent}").parse().unwrap_or(x)
 }
 
-/// A count for people.
-fn whole(bricks: f64) -> String {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
-    text::count(bricks as u64)
-}
-
-/// Bytes for people; what no 64-bit number holds is as good as infinite.
-fn amount(bytes: f64) -> String {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
-    text::bytes(bytes as u64)
-}
-
 /// Reads a scene file.
 pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     let origin = path.display().to_string();
@@ -268,6 +334,9 @@ pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     File::open(path).and_then(|file| file.take(LARGEST_SCENE + 1).read_to_end(&mut bytes)).map_err(failed)?;
     if bytes.len() as u64 > LARGEST_SCENE {
         return Err(Failure::input(format!("{origin} is too large for a scene")));
+    }
+    if bytes.starts_with(&VDB_MAGIC) {
+        return Err(Failure::input(format!("{origin} is a VDB file, not a scene")));
     }
     if let Some(errors) = SceneErrors::not_utf8(&origin, &bytes) {
         return Err(errors.into());
@@ -301,10 +370,12 @@ mod tests {
 
     #[test]
     fn sizes_and_times_outside_of_their_ranges_are_refused() {
-        for text in ["0", "-1", "nan", "inf", "1e-10", "1e10", "x", ""] {
+        for text in ["0", "-1", "nan", "inf", "1e-10", "1.001e9", "x", ""] {
             assert!(size(text).is_err(), "{text}");
         }
         assert_eq!(size("1e-3"), Ok(0.001));
+        assert_eq!((size("1e-9"), size("1e9")), (Ok(1e-9), Ok(1e9)));
+        assert_eq!((time("-1e9"), time("1e9")), (Ok(-1e9), Ok(1e9)));
         assert!(time("-0").is_ok_and(f64::is_sign_positive) && time("nan").is_err() && time("1e10").is_err());
     }
 }

@@ -9,6 +9,7 @@ mod info;
 mod interrupt;
 mod job;
 mod machine;
+mod memory;
 mod output;
 mod plan;
 mod progress;
@@ -40,7 +41,7 @@ struct Global {
     #[arg(long, global = true)]
     json: bool,
     /// Threads to work with [default: one for each processor]
-    #[arg(long, global = true, value_name = "N", value_parser = threads)]
+    #[arg(long, global = true, value_name = "N", value_parser = threads, allow_negative_numbers = true)]
     threads: Option<NonZeroUsize>,
     /// Print neither progress nor notes
     #[arg(long, global = true)]

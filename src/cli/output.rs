@@ -33,9 +33,14 @@ impl Output {
         // Without this only the owner could read the file; the process's mask still applies.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let temporary = builder.tempfile_in(folder(&target)).map_err(|error| {
-            Failure::failed(format!("cannot make a file in {}", folder(&target).display()))
-                .because(cause(&error))
+        let folder = folder(&target);
+        if !folder.is_dir() {
+            return Err(Failure::failed(format!("there is no folder {}", folder.display())));
+        }
+        // Not the error itself, which tells of a temporary name that nobody gave.
+        let temporary = builder.tempfile_in(folder).map_err(|error| {
+            Failure::failed(format!("cannot make a file in {}", folder.display()))
+                .because(io::Error::from(error.kind()))
         })?;
         Ok(Output { path: target, temporary })
     }
@@ -59,12 +64,6 @@ impl Output {
         }
         Ok(())
     }
-}
-
-/// What the system said, without the temporary name that nobody gave.
-fn cause(error: &io::Error) -> String {
-    let inner = error.get_ref().and_then(|error| error.source());
-    inner.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
 fn folder(path: &Path) -> &Path {

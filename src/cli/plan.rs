@@ -1,19 +1,23 @@
 //! `vdbake plan`: what a bake would take.
 
+use std::io;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::job::{self, Job, Options};
+use super::job::{Job, Options};
+use super::progress::Planning;
 use super::{Failure, Global, text};
-use crate::formats::vdb::{Compression, GridBound, VdbGridBuilder};
+use crate::formats::vdb::{self, Compression, GridBound, VdbGridBuilder};
 use crate::num::Level;
 use crate::volume::{self, Plan};
 
-/// Bricks that are baked for the estimates.
-const SAMPLE: usize = 256;
+/// Bricks that are baked for the estimates: one sample after the other, as long as there is time.
+const SAMPLES: [usize; 4] = [4, 16, 64, 256];
+/// Seconds after which no larger sample is begun.
+const PATIENCE: f64 = 0.5;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -34,7 +38,7 @@ struct Report {
     /// Voxels along each side of that box.
     dimensions: [u64; 3],
     compression: &'static str,
-    /// Exact: no other brick would be touched.
+    /// All that would be searched; some may stay empty.
     planned_bricks: u64,
     at_most: Limits,
     estimated: Estimate,
@@ -47,9 +51,9 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct Limits {
     active_voxels: u64,
-    /// Of the grid in the file, without metadata.
+    /// Of the file.
     bytes: u64,
-    /// That the bricks take in memory.
+    /// That the process takes.
     memory_bytes: u64,
 }
 
@@ -67,10 +71,12 @@ struct Estimate {
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let started = Instant::now();
     let pool = global.pool()?;
+    let progress = Planning::new(global.quiet);
     let job = Job::new(&arguments.scene, &arguments.options)?;
     let plan = pool.install(|| job.plan())?;
     let planning = started.elapsed().as_secs_f64();
     let bound = GridBound::new(job.compression, plan.origins());
+    let empty = empty_file(&job)?;
     let threads = pool.current_num_threads();
     let report = Report {
         scene: job.scene.name().to_owned(),
@@ -82,30 +88,47 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         planned_bricks: plan.bricks() as u64,
         at_most: Limits {
             active_voxels: 512 * plan.bricks() as u64,
-            bytes: bound.bytes(),
-            memory_bytes: job::memory(&plan),
+            bytes: empty + bound.bytes(),
+            memory_bytes: pool.install(|| job.memory(&plan)),
         },
-        estimated: pool.install(|| estimate(&job, &plan, bound, planning, threads))?,
+        estimated: pool.install(|| estimate(&job, &plan, bound, empty, planning))?,
         threads,
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice),
     };
+    drop(progress);
     global.show(&report, |report| human(report, arguments.options.explain))
 }
 
-/// Bakes some of the bricks and scales up what they took.
+/// Bytes of the file if no voxel were active. All of it that depends on the density has a fixed length.
+fn empty_file(job: &Job) -> Result<u64, Failure> {
+    let header = job.file_header(&"0".repeat(64))?;
+    let grid = VdbGridBuilder::new(job.compression);
+    vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)])
+        .map_err(|error| Failure::failed("cannot measure the file").because(error))
+}
+
+/// Bakes some of the bricks and scales up what they took. `empty` is the length of a file without voxels.
 fn estimate(
     job: &Job,
     plan: &Plan,
     bound: GridBound,
+    empty: u64,
     planning: f64,
-    threads: usize,
 ) -> Result<Estimate, Failure> {
-    let sample = plan.sample(SAMPLE);
-    let mut grid = VdbGridBuilder::new(job.compression);
     let cutoff = job.scene.bake().cutoff;
-    let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
-        .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
+    let started = Instant::now();
+    let mut sizes = SAMPLES.into_iter();
+    let (sample, grid, tally, phases) = loop {
+        let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
+        let mut grid = VdbGridBuilder::new(job.compression);
+        let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
+            .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
+        let long = started.elapsed().as_secs_f64() > PATIENCE;
+        if long || sizes.len() == 0 || sample.bricks() == plan.bricks() {
+            break (sample, grid, tally, phases);
+        }
+    };
     let scale = |part: u64| {
         let (part, whole) = (u128::from(part), plan.bricks() as u128);
         u64::try_from(part * whole / (sample.bricks() as u128).max(1)).unwrap_or(u64::MAX)
@@ -114,12 +137,13 @@ fn estimate(
     let nodes = bound.masks - 64 * plan.bricks() as u64
         + if job.compression == Compression::None { bound.entries } else { 0 };
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-    let (factor, threads) = (plan.bricks() as f64 / sample.bricks().max(1) as f64, threads as f64);
+    let (factor, threads) =
+        (plan.bricks() as f64 / sample.bricks().max(1) as f64, rayon::current_num_threads() as f64);
     let cpu = factor * (phases.evaluate + phases.encode + phases.append);
     Ok(Estimate {
         sampled_bricks: sample.bricks() as u64,
         active_voxels: scale(tally.active_voxels),
-        bytes: nodes + scale(grid.encoded_bytes() + 64 * grid.stats().leaves),
+        bytes: empty + nodes + scale(grid.encoded_bytes() + 64 * grid.stats().leaves),
         seconds: planning + cpu / threads,
         cpu_seconds: planning + cpu,
     })
@@ -144,12 +168,12 @@ fn human(report: &Report, explain: bool) -> String {
     table.row(
         "estimated",
         format!(
-            "{} active voxels, {} in the file, {} on {} threads (from {} bricks)",
+            "{} active voxels, {} in the file, {} on {} (from {})",
             text::count(estimated.active_voxels),
             text::bytes(estimated.bytes),
             text::seconds(estimated.seconds),
-            report.threads,
-            estimated.sampled_bricks,
+            text::number(report.threads as u64, "thread"),
+            text::number(estimated.sampled_bricks, "brick"),
         ),
     );
     if explain {

@@ -1,11 +1,51 @@
 //! How far the work is: a bar on a terminal, else now and then a line.
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Percent between two lines.
 const STRIDE: f64 = 5.0;
+
+/// Work of unknown length that takes longer than this is mentioned.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Says on standard error that a plan is being made, if that lasts; ends when dropped.
+pub(super) struct Planning {
+    /// Closed at the end.
+    end: Option<mpsc::Sender<()>>,
+    waiter: Option<thread::JoinHandle<()>>,
+}
+
+impl Planning {
+    pub(super) fn new(quiet: bool) -> Planning {
+        if quiet {
+            return Planning { end: None, waiter: None };
+        }
+        let (end, ended) = mpsc::channel::<()>();
+        let wait = move || {
+            if ended.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
+                // Where standard error is closed there is nobody to tell.
+                let _ = writeln!(io::stderr(), "Planning ...");
+            }
+        };
+        // Without a thread to wait on, nothing is said.
+        Planning { end: Some(end), waiter: thread::Builder::new().spawn(wait).ok() }
+    }
+}
+
+impl Drop for Planning {
+    fn drop(&mut self) {
+        self.end = None;
+        if let Some(waiter) = self.waiter.take() {
+            // It only waits and prints.
+            let _ = waiter.join();
+        }
+    }
+}
 
 /// Shown on standard error.
 pub(super) struct Progress {

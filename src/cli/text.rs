@@ -50,6 +50,11 @@ pub(super) fn count(n: u64) -> String {
     out
 }
 
+/// A count of things, whose plural takes an s.
+pub(super) fn number(n: u64, thing: &str) -> String {
+    format!("{} {thing}{}", count(n), if n == 1 { "" } else { "s" })
+}
+
 /// Such as `1.5 GiB`.
 pub(super) fn bytes(n: u64) -> String {
     ByteSize(n).display().iec().to_string()

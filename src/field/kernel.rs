@@ -157,6 +157,10 @@ impl<'a, R: Real> Rows<'a, R> {
     /// Moves to the batch that begins at place `index`.
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "kernels hold no iterator adaptors: they may not be inlined"
+    )]
     fn go(&mut self, token: R::Token, index: usize) {
         let slope = &self.piece.slope;
         match self.places {
@@ -274,7 +278,7 @@ fn newton<R: Real, const CUBIC: bool>(
 
 /// Feet by bisection: where the equation changes from negative to positive along the piece, if it does.
 ///
-/// For certified pieces that is the one foot; uncertified ones are too short for a second one to matter.
+/// For certified pieces that is the one foot. Uncertified ones are so short that of two feet either stands for both.
 #[inline(always)]
 fn bracket<R: Real>(
     token: R::Token,
@@ -289,14 +293,29 @@ fn bracket<R: Real>(
     for index in (0..VOXELS).step_by(R::LANES) {
         rows.go(token, index);
         let equation = Equation::new(token, &rows);
-        let (at_lo, _) = equation.at::<true>(ends[0]);
-        let (at_hi, _) = equation.at::<true>(ends[1]);
-        let changes = R::and(at_lo.le(zero), zero.le(at_hi));
+        let (at_lo, slope_lo) = equation.at::<true>(ends[0]);
+        let (at_hi, slope_hi) = equation.at::<true>(ends[1]);
+        let mut changes = R::and(at_lo.le(zero), zero.le(at_hi));
+        let [mut lo, mut hi] = ends;
+        // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
+        let valley =
+            R::and(R::and(zero.lt(at_lo), zero.lt(at_hi)), R::and(slope_lo.lt(zero), zero.lt(slope_hi)));
+        let peak =
+            R::and(R::and(at_lo.lt(zero), at_hi.lt(zero)), R::and(zero.lt(slope_lo), slope_hi.lt(zero)));
+        if (R::bitmask(valley) | R::bitmask(peak)) != 0 {
+            let extremum = turning_point(token, &equation, ends, peak);
+            let (g, _) = equation.at::<true>(extremum);
+            let (dips, rises) = (R::and(valley, g.le(zero)), R::and(peak, zero.le(g)));
+            lo = R::select(dips, extremum, lo);
+            hi = R::select(rises, extremum, hi);
+            let (g_lo, _) = equation.at::<true>(lo);
+            let (g_hi, _) = equation.at::<true>(hi);
+            changes = R::and(g_lo.le(zero), zero.le(g_hi));
+        }
         if R::bitmask(changes) == 0 {
             no_foot.store(&mut scratch.eta[index..]);
             continue;
         }
-        let [mut lo, mut hi] = ends;
         for _ in 0..HALVINGS {
             let middle = (lo + hi) * half;
             let (g, _) = equation.at::<true>(middle);
@@ -306,6 +325,21 @@ fn bracket<R: Real>(
         }
         R::select(changes, (lo + hi) * half, no_foot).store(&mut scratch.eta[index..]);
     }
+}
+
+/// Where the equation is least between `ends`, or where it is greatest if `peak`, of lanes that have such a place.
+#[inline(always)]
+fn turning_point<R: Real>(token: R::Token, equation: &Equation<R>, ends: [R; 2], peak: R::Mask) -> R {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let [mut lo, mut hi] = ends;
+    for _ in 0..HALVINGS {
+        let middle = (lo + hi) * half;
+        let (_, slope) = equation.at::<true>(middle);
+        let before = R::select(peak, -slope, slope).lt(zero);
+        lo = R::select(before, middle, lo);
+        hi = R::select(before, hi, middle);
+    }
+    (lo + hi) * half
 }
 
 /// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number.

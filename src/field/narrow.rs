@@ -26,6 +26,19 @@ const SHORTEST: f64 = 0.25;
 const DEPTH: u32 = 24;
 /// Neighbouring pieces both accept feet this close to their common border, in voxels, so that rounding leaves no hole.
 const OVERLAP: f64 = 1e-3;
+/// And no farther than this part of half the piece: where the axis turns sharply, pieces are far shorter than a voxel, and
+/// their polynomials mean nothing a voxel away. What bends so much also places feet this well.
+const PAST: f64 = 0.01;
+
+/// The part of a piece, beside a place where the axis stands still, that has no feet. There `(C - p) . C' = 0` for every p,
+/// and no distance need be least; as the axis moves away from there by the square of this, no foot is lost.
+const STANDING: f64 = 1e-4;
+
+/// Cosine beyond which a corner is a cusp or a fold.
+const STRAIGHT_BACK: f64 = 1.0 - 1e-9;
+
+/// What single precision may lose of a distance to a plane, in radii.
+const ROUNDING: f64 = 3e-7;
 
 /// An interval of t with the largest radius on it.
 #[derive(Debug, Clone, Copy)]
@@ -206,11 +219,23 @@ impl Field {
 
         let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
         let cut = tube.caps != Caps::Round;
-        let margin = OVERLAP / voxels;
+        let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
+        let [starts, ends] = interval.t.map(|t| stands(segment_of(tube, segment), t));
+        if starts && ends {
+            return;
+        }
         let range = [
-            if cut && is_first && interval.t[0] <= 0.0 { -1.0 } else { -1.0 - margin },
-            if cut && is_last && interval.t[1] >= 1.0 { 1.0 } else { 1.0 + margin },
+            match (starts, cut && is_first && interval.t[0] <= 0.0) {
+                (true, _) => STANDING - 1.0,
+                (_, true) => -1.0,
+                _ => -1.0 - margin,
+            },
+            match (ends, cut && is_last && interval.t[1] >= 1.0) {
+                (true, _) => 1.0 - STANDING,
+                (_, true) => 1.0,
+                _ => 1.0 + margin,
+            },
         ];
         let (layers, fades) = self.layers(tube, s, arc_middle, h, region);
         region.pieces.push(Piece {
@@ -251,7 +276,12 @@ impl Field {
                 let hinge = section.tangent.cross(next);
                 let hinge = if hinge.length() > 1e-9 { hinge.normalize() } else { section.axes[0] };
                 let across = hinge.cross(section.tangent);
-                ([hinge, across, section.tangent, next].map(|v| v * scale), Search::Point { is_corner: true })
+                // Where the axis turns back, the two planes are one.
+                let second = if section.tangent.dot(next) < -STRAIGHT_BACK { -section.tangent } else { next };
+                (
+                    [hinge, across, section.tangent, second].map(|v| v * scale),
+                    Search::Point { is_corner: true },
+                )
             }
         };
         let mut base = [0.0; ROWS];
@@ -261,6 +291,11 @@ impl Field {
             for axis in 0..3 {
                 slope[axis][row] = block.h * vector[axis];
             }
+        }
+        if matches!(point.kind, PointKind::Corner(next) if section.tangent.dot(next) < -STRAIGHT_BACK) {
+            // No piece reaches past that plane: rounding must not open a gap.
+            base[FOOT] += ROUNDING;
+            base[SECOND] -= ROUNDING;
         }
         // For corners, u = a u' + b v' with (u', v') along and across the hinge; the kernel reads a, b, c, d here.
         let turn = [
@@ -391,6 +426,12 @@ fn axial<T: Scalar>(tube: &Tube, s: [f64; 2], origin: f64) -> Option<[T; 3]> {
     let length = tube.curve.length();
     let near_end = s[0] / length < fraction * 1.001 || s[1] / length > 1.0 - fraction * 1.001;
     near_end.then(|| round([origin / length, 1.0 / (length * tube.height_rate()), fraction]))
+}
+
+/// Whether the axis stands still: in a cusp or fold, or at an end where control points coincide.
+fn stands(segment: &Segment, t: f64) -> bool {
+    let [_, a, b, c] = segment.power();
+    segment.d1(t).length() <= 1e-9 * (a.length() + 2.0 * b.length() + 3.0 * c.length())
 }
 
 fn segment_of(tube: &Tube, segment: usize) -> &Segment {

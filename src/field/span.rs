@@ -8,7 +8,7 @@ use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
 /// Where the error of (u, v), and of the arc length in units of radius plus span, must stay below this.
 const TOLERANCE: f64 = 3e-7;
 /// A span is not halved more often than this: what is then left of a segment is too short to matter.
-const DEPTH: u32 = 24;
+const DEPTH: u32 = 40;
 /// Below this fraction of the largest radius there is no tube.
 pub(crate) const LEAST_RADIUS: f64 = 1e-6;
 

@@ -12,7 +12,7 @@ use crate::scene::{self, Caps, Op, Pattern, Radial};
 /// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
 const CORNER: f64 = 1e-7;
 /// Where the tangents of a cusp are taken, in t.
-const ASIDE: f64 = 1e-9;
+const ASIDE: f64 = 1e-6;
 /// Octaves with more cells than this across the tube are left out: single precision cannot place a voxel in them.
 const FINEST: f64 = 4_194_304.0;
 
@@ -201,9 +201,14 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
     for segment in 0..=last {
         for &t in axis.curve.breaks(segment) {
             // Cusps and folds; elsewhere the frame breaks and the tangent does not.
-            let (section, next) =
+            let (mut section, next) =
                 (axis.section(segment, t - ASIDE), axis.section(segment, t + ASIDE).tangent);
             if section.tangent.dot(next) < 0.0 {
+                // C' = (t - cusp) C'' there: the limit of the tangent, free of what the axis bends in between.
+                let bend = axis.curve.segments()[segment].d2(t);
+                section.tangent = (-bend).normalize_or(section.tangent);
+                section.axes[0] = section.axes[0].reject_from_normalized(section.tangent).normalize();
+                section.axes[1] = section.tangent.cross(section.axes[0]);
                 points.push(Point { section, kind: PointKind::Corner(next) });
             }
         }

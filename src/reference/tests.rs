@@ -387,7 +387,7 @@ fn coordinates_invert_the_map_to_the_world() {
                 let (d1, d2) = (bend.d1(t), bend.d2(t));
                 let focal = 1.0 - (across * r).dot(d2) / d1.length_squared();
                 if focal > 1e-3 {
-                    assert!(best < 1e-9, "{rule:?} segment {segment} t {t}: off by {best}");
+                    assert!(best < 1e-10, "{rule:?} segment {segment} t {t}: off by {best}");
                 }
             }
         }

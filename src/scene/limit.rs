@@ -7,44 +7,44 @@ const SMALLEST: f64 = 1e-9;
 
 /// A closed range, and how a message names it.
 #[derive(Debug)]
-pub(super) struct Limit {
+pub(crate) struct Limit {
     low: f64,
     high: f64,
     /// What was expected, where something else than a number was found.
-    pub(super) noun: &'static str,
+    pub(crate) noun: &'static str,
     /// What was expected, where the number found lies outside.
-    pub(super) range: &'static str,
+    pub(crate) range: &'static str,
 }
 
 impl Limit {
     /// Whether x lies inside; false for NaN.
-    pub(super) fn admits(&self, x: f64) -> bool {
+    pub(crate) fn admits(&self, x: f64) -> bool {
         self.low <= x && x <= self.high
     }
 }
 
-pub(super) static ANY: Limit =
+pub(crate) static ANY: Limit =
     Limit { low: -LARGEST, high: LARGEST, noun: "a number", range: "a number from -1e9 to 1e9" };
 
-pub(super) static POSITIVE: Limit =
+pub(crate) static POSITIVE: Limit =
     Limit { low: SMALLEST, high: LARGEST, noun: "a number above 0", range: "a number above 0 (1e-9 to 1e9)" };
 
-pub(super) static NOT_NEGATIVE: Limit = Limit {
+pub(crate) static NOT_NEGATIVE: Limit = Limit {
     low: 0.0,
     high: LARGEST,
     noun: "a number, at least 0",
     range: "a number, at least 0 (and at most 1e9)",
 };
 
-pub(super) static FRACTION: Limit =
+pub(crate) static FRACTION: Limit =
     Limit { low: 0.0, high: 1.0, noun: "a number from 0 to 1", range: "a number from 0 to 1" };
 
 /// A place along a curve, as a fraction of its length.
-pub(super) static PLACE: Limit =
+pub(crate) static PLACE: Limit =
     Limit { low: 0.0, high: 1.0, noun: "a number l from 0 to 1", range: "l from 0 to 1" };
 
 /// A part of a whole.
-pub(super) static SHARE: Limit = Limit {
+pub(crate) static SHARE: Limit = Limit {
     low: SMALLEST,
     high: 1.0,
     noun: "a number above 0, at most 1",
@@ -52,7 +52,7 @@ pub(super) static SHARE: Limit = Limit {
 };
 
 /// A part at either end of a whole.
-pub(super) static HALF_SHARE: Limit = Limit {
+pub(crate) static HALF_SHARE: Limit = Limit {
     low: SMALLEST,
     high: 0.5,
     noun: "a number above 0, at most 0.5",
@@ -60,7 +60,7 @@ pub(super) static HALF_SHARE: Limit = Limit {
 };
 
 /// A mean cosine short of the ends, where the phase function is a spike.
-pub(super) static MEAN_COSINE: Limit = Limit {
+pub(crate) static MEAN_COSINE: Limit = Limit {
     low: -0.999,
     high: 0.999,
     noun: "a number from -0.999 to 0.999",
@@ -68,7 +68,7 @@ pub(super) static MEAN_COSINE: Limit = Limit {
 };
 
 /// An angle of view.
-pub(super) static DEGREES: Limit = Limit {
+pub(crate) static DEGREES: Limit = Limit {
     low: 0.001,
     high: 179.999,
     noun: "degrees above 0 and below 180",

@@ -9,7 +9,7 @@ mod axis;
 mod error;
 mod keys;
 mod layer;
-mod limit;
+pub(crate) mod limit;
 mod parse;
 mod reader;
 mod syntax;

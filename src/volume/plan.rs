@@ -32,13 +32,11 @@ pub struct Plan {
 /// Why there is no plan.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum PlanError {
-    /// The bricks alone would fill the memory.
-    #[error("about {bricks:.3e} bricks of 8^3 voxels are too many; a voxel size of {fits:.3e} m would fit")]
+    /// The plan itself would not fit the memory.
+    #[error("about {bricks:.3e} bricks of 8^3 voxels are too many to plan")]
     TooMany {
-        /// About how many bricks.
+        /// About how many, each counted once for every piece of an axis that reaches it.
         bricks: f64,
-        /// A voxel size that fits.
-        fits: f64,
     },
     /// The density lies beyond the range of voxel indices.
     #[error(
@@ -53,8 +51,12 @@ pub enum PlanError {
     TooWide,
 }
 
-/// Bytes that the plan takes for each brick: about three candidates and the brick itself, twice while sorting.
-const BYTES: f64 = 100.0;
+/// A contact: the key of a brick, and the index of a capsule that reaches it.
+type Contact = (u64, u32);
+/// Bytes a contact takes while the plan is made: itself, its candidate, and at most one brick.
+const BYTES: usize = size_of::<Contact>() + size_of::<Candidate>() + size_of::<Planned>();
+/// Capsules whose contacts are found before they are put with the others.
+const BATCH: usize = 4096;
 /// Bricks along an edge of a root node, as a power of two.
 const ROOT: u32 = 9;
 
@@ -80,52 +82,52 @@ impl Plan {
         budget: u64,
     ) -> Result<Plan, PlanError> {
         let root = index_range(field, lattice)?;
-        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-        let most = budget as f64 / BYTES;
-        let bricks = field.estimate_blocks(lattice);
-        // Bricks grow with the voxel's inverse cube, and for thin tubes slower: the cube root fits safely.
-        let too_many = |bricks: f64| {
-            let fits = lattice.voxel_size * libm::cbrt((bricks / most).max(1.0)) * 1.05;
-            PlanError::TooMany { bricks, fits }
-        };
-        if bricks > most || bricks > f64::from(u32::MAX / 4) {
-            return Err(too_many(bricks));
+        // Within a factor of a few of the contacts: what is far beyond the budget is not worth counting.
+        let estimate = field.estimate_blocks(lattice);
+        #[allow(clippy::cast_precision_loss, reason = "a rough bound")]
+        if estimate * BYTES as f64 > 8.0 * budget as f64 {
+            return Err(PlanError::TooMany { bricks: estimate });
         }
-        let cover = field.cover(lattice).ok_or_else(|| too_many(bricks.max(2.0 * most)))?;
-
-        let mut pairs: Vec<(u64, u32)> = cover
+        let cover = field.cover(lattice).ok_or(PlanError::TooMany { bricks: estimate })?;
+        let count: usize = cover
             .par_iter()
-            .zip(0_u32..(1 << 25))
-            .fold(Vec::new, |mut pairs, (capsule, index)| {
-                capsule.blocks(field, lattice, extent, |block| pairs.push((file_order(block, root), index)));
-                pairs
+            .map(|capsule| {
+                let mut count = 0;
+                capsule.blocks(field, lattice, extent, |_| count += 1);
+                count
             })
-            .reduce(Vec::new, |mut a, mut b| {
-                if a.is_empty() {
-                    return b;
-                }
-                a.append(&mut b);
-                a
-            });
-        pairs.par_sort_unstable();
-
-        let mut plan = Plan {
-            lattice,
-            extent,
-            root,
-            cover,
-            bricks: Vec::new(),
-            candidates: Vec::with_capacity(pairs.len()),
-        };
-        let mut last = None;
-        for (key, index) in pairs {
-            if last != Some(key) {
-                let first = u32::try_from(plan.candidates.len()).map_err(|_| too_many(4.0 * most))?;
-                plan.bricks.push(Planned { block: block_of(key, root), first });
-                last = Some(key);
-            }
-            plan.candidates.push(index);
+            .sum();
+        #[allow(clippy::cast_precision_loss, reason = "for a message")]
+        let too_many = PlanError::TooMany { bricks: count as f64 };
+        if (count * BYTES + size_of_val(cover.as_slice())) as u64 > budget || u32::try_from(count).is_err() {
+            return Err(too_many);
         }
+
+        let mut contacts: Vec<Contact> = Vec::with_capacity(count);
+        let mut capsules = 0_u32..;
+        for batch in cover.chunks(BATCH) {
+            let found: Vec<Vec<u64>> = batch
+                .par_iter()
+                .map(|capsule| {
+                    let mut keys = Vec::new();
+                    capsule.blocks(field, lattice, extent, |block| keys.push(file_order(block, root)));
+                    keys
+                })
+                .collect();
+            for (keys, capsule) in found.into_iter().zip(&mut capsules) {
+                contacts.extend(keys.into_iter().map(|key| (key, capsule)));
+            }
+        }
+        contacts.par_sort_unstable();
+
+        let mut plan =
+            Plan { lattice, extent, root, cover, bricks: vec![], candidates: Vec::with_capacity(count) };
+        for contacts in contacts.chunk_by(|a, b| a.0 == b.0) {
+            let first = u32::try_from(plan.candidates.len()).map_err(|_| too_many)?;
+            plan.bricks.push(Planned { block: block_of(contacts[0].0, root), first });
+            plan.candidates.extend(contacts.iter().map(|contact| contact.1));
+        }
+        plan.bricks.shrink_to_fit();
         Ok(plan)
     }
 

@@ -4,6 +4,13 @@
 mod cli;
 mod consumers;
 mod files;
+mod gates_bake;
+mod gates_cover;
+mod gates_curves;
+mod gates_feet;
+mod gates_hash;
+mod gates_noise;
+mod gates_oracle;
 mod hostile;
 mod kernel;
 mod layers;

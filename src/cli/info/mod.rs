@@ -11,9 +11,6 @@ use clap::Args;
 
 use super::{Failure, Global, job};
 
-/// The first bytes of every OpenVDB file.
-const MAGIC: [u8; 8] = *b" BDV\0\0\0\0";
-
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// A scene, or an OpenVDB file
@@ -35,8 +32,8 @@ pub(super) fn is_vdb(path: &Path) -> Result<bool, Failure> {
     let failed = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
     let mut start = Vec::new();
     File::open(path)
-        .and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start))
+        .and_then(|file| file.take(job::VDB_MAGIC.len() as u64).read_to_end(&mut start))
         .map_err(failed)?;
     let named = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vdb"));
-    Ok(named || start == MAGIC)
+    Ok(named || start == job::VDB_MAGIC)
 }

@@ -90,20 +90,14 @@ fn layer(layer: &Layer) -> String {
     match &layer.pattern {
         Pattern::Constant(value) => format!("{op} constant {value}"),
         Pattern::Sectors => format!("{op} sectors"),
-        Pattern::Perlin(fbm) => format!("{op} perlin of {}", number(u64::from(fbm.octaves), "octave")),
+        Pattern::Perlin(fbm) => format!("{op} perlin of {}", text::number(u64::from(fbm.octaves), "octave")),
     }
-}
-
-/// A count of things.
-fn number(n: u64, thing: &str) -> String {
-    let plural = if n == 1 { "" } else { "s" };
-    format!("{} {thing}{plural}", text::count(n))
 }
 
 /// For people.
 pub(super) fn human(report: &Report) -> String {
     let mut table = text::Table::default();
-    table.heading(format!("{}: a scene of {}", report.name, number(report.tubes.len() as u64, "tube")));
+    table.heading(format!("{}: a scene of {}", report.name, text::number(report.tubes.len() as u64, "tube")));
     table.row("bounds", text::bounds(report.bounds));
     table.row("voxel size", text::voxels(report.voxel_size, report.dimensions));
     for tube in &report.tubes {
@@ -112,7 +106,7 @@ pub(super) fn human(report: &Report) -> String {
         table.heading(format!("tube \"{}\"", text::tidy(&tube.name)));
         table.row(
             "axis",
-            format!("{} m in {}", text::short(tube.length), number(tube.segments as u64, "segment")),
+            format!("{} m in {}", text::short(tube.length), text::number(tube.segments as u64, "segment")),
         );
         table.row("radius", format!("{radius} m"));
         table.row(

@@ -96,7 +96,12 @@ pub(super) fn read(path: &Path) -> Result<Report, Failure> {
     let name = path.display().to_string();
     let mut file =
         File::open(path).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
-    let bytes = file.metadata().map_or(0, |metadata| metadata.len());
+    let metadata =
+        file.metadata().map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    let bytes = metadata.len();
+    if metadata.is_file() && bytes == 0 {
+        return Err(Failure::input(format!("{name} is empty")));
+    }
     let info =
         read_info(&mut file).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     Ok(Report {

@@ -184,7 +184,7 @@ fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
         let reference = Reference::new(&scene, time, Some(lattice.voxel_size));
         (Samples::by_reference(&reference, points), "reference")
     } else {
-        let budget = arguments.scene.budget();
+        let budget = arguments.scene.budget().bytes();
         let values = volume::density_at(&field, lattice, points, Level::best(), budget).map_err(unplanned)?;
         (Samples::numbers(npy::Values::F32(values)), "kernel")
     };
@@ -199,7 +199,11 @@ fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
 }
 
 fn unplanned(error: PlanError) -> Failure {
-    Failure::failed(error.to_string()).hint("take a larger --voxel-size")
+    let hint = match error {
+        PlanError::TooMany { .. } => "take a larger --voxel-size, or allow more with --memory",
+        PlanError::IndexRange { .. } | PlanError::TooWide => "take a larger --voxel-size",
+    };
+    Failure::failed(error.to_string()).hint(hint)
 }
 
 fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
@@ -207,7 +211,7 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let failed = |error| Failure::input(format!("cannot read {name}")).because(error);
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
-    let mut file = VdbFile::open(file).map_err(failed)?.with_memory_limit(arguments.scene.budget());
+    let mut file = VdbFile::open(file).map_err(failed)?.with_memory_limit(arguments.scene.budget().bytes());
     let number = choose(file.info(), arguments.grid.as_deref())?;
     let grid = file.grid_at(number).map_err(failed)?;
     let indices: Vec<DVec3> = if arguments.index {

@@ -26,8 +26,7 @@ impl GridBound {
             let [lower, upper] = [12, 27].map(|bits| last.is_none_or(|last| last >> bits != key >> bits));
             last = Some(key);
             bound.masks += 64;
-            // A leaf's buffer repeats its mask.
-            bound.buffers += 64 + compression.largest_block(512);
+            bound.buffers += GridBound::leaf(compression);
             if lower {
                 bound.masks += 2 * 512;
                 bound.entries += compression.largest_block(4096);
@@ -39,6 +38,12 @@ impl GridBound {
             }
         }
         bound
+    }
+
+    /// Bytes of one leaf's buffer, all voxels active and none of them compressible.
+    pub fn leaf(compression: Compression) -> u64 {
+        // A leaf's buffer repeats its mask.
+        64 + compression.largest_block(512)
     }
 
     /// The sum of all parts.
