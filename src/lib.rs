@@ -10,8 +10,8 @@
 //! | [`scene`] | text to a [`scene::Scene`], which cannot be invalid |
 //! | [`field`] | a scene compiled to spans of polynomials; narrowed to a block; the density kernel |
 //! | [`mod@reference`] | a second, slow evaluator that shares no formula code with `field` |
-//! | [`volume`] | the plan of candidate bricks, their evaluation, the sinks they go to |
-//! | [`formats`] | file formats, over `Write`, never a path |
+//! | [`volume`] | the plan of candidate bricks, their evaluation, the sinks they go to; sparse trees and their sampling |
+//! | [`formats`] | file formats, over `Write` and `Read`, never a path |
 //! | [`cli`] | arguments, files, progress and exit codes; no numerics |
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.

@@ -1,4 +1,4 @@
-//! What `bake` and `plan` share: a scene, the settings after defaults and overrides, and the memory they may take.
+//! What commands share that take a scene: the scene, the settings after defaults and overrides, and the memory they may take.
 
 use std::fs::File;
 use std::io::Read;
@@ -22,8 +22,9 @@ const LARGEST_SCENE: u64 = 256 << 20;
 /// A brick is reached by about so many pieces of axes.
 const CONTACTS: f64 = 4.0;
 
+/// What a scene is compiled with.
 #[derive(Debug, Args)]
-pub(super) struct Options {
+pub(super) struct SceneOptions {
     /// Edge of a voxel in metres [default: what the scene says]
     #[arg(long, value_name = "H", value_parser = size, conflicts_with = "resolution", allow_negative_numbers = true)]
     voxel_size: Option<f64>,
@@ -31,15 +32,22 @@ pub(super) struct Options {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
         allow_negative_numbers = true)]
     resolution: Option<u32>,
-    /// How values are compressed, always without loss
-    #[arg(long, value_enum, default_value_t = Codec::Blosc)]
-    compression: Codec,
-    /// Seconds after the scene's start frame
-    #[arg(long, value_name = "T", value_parser = time, default_value_t = 0.0, allow_negative_numbers = true)]
-    time: f64,
+    /// Seconds after the scene's start frame [default: 0]
+    #[arg(long, value_name = "T", value_parser = time, allow_negative_numbers = true)]
+    time: Option<f64>,
     /// Memory to work in, such as 500MB or 2GiB [default: three quarters of the machine's]
     #[arg(long, value_name = "SIZE", allow_negative_numbers = true)]
     memory: Option<Amount>,
+}
+
+/// What a bake is made with.
+#[derive(Debug, Args)]
+pub(super) struct Options {
+    #[command(flatten)]
+    scene: SceneOptions,
+    /// How values are compressed, always without loss
+    #[arg(long, value_enum, default_value_t = Codec::Blosc)]
+    compression: Codec,
     /// Tell what was left out of the evaluation, and why
     #[arg(long)]
     pub(super) explain: bool,
@@ -63,6 +71,52 @@ fn time(text: &str) -> Result<f64, String> {
     time.map(|time: f64| time + 0.0).ok_or_else(|| format!("expected seconds, {}", ANY.range))
 }
 
+impl SceneOptions {
+    /// The first of these options that only a scene has a use for, if one is given.
+    pub(super) fn for_scenes_only(&self) -> Option<&'static str> {
+        let given = [
+            (self.voxel_size.is_some(), "--voxel-size"),
+            (self.resolution.is_some(), "--resolution"),
+            (self.time.is_some(), "--time"),
+        ];
+        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
+    /// Bytes of memory to work in.
+    pub(super) fn budget(&self) -> u64 {
+        self.memory.unwrap_or_else(Amount::installed).bytes()
+    }
+}
+
+/// A scene compiled for one time and voxel size.
+#[derive(Debug)]
+pub(super) struct Compiled {
+    pub(super) scene: Scene,
+    pub(super) field: Field,
+    pub(super) lattice: Lattice,
+    /// Seconds.
+    pub(super) time: f64,
+    /// Corners of the box around the density, in metres; `None` where there is none.
+    pub(super) bounds: Option<[[f64; 3]; 2]>,
+}
+
+impl Compiled {
+    /// Reads the scene and settles what the options leave open.
+    pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
+        let scene = read_scene(path)?;
+        let time = options.time.unwrap_or(0.0);
+        let field = Field::compile(&scene, time);
+        let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
+        let step = match (options.voxel_size, options.resolution) {
+            (Some(size), _) => Step::VoxelSize(size),
+            (None, Some(resolution)) => Step::Resolution(resolution),
+            (None, None) => scene.bake().step,
+        };
+        let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        Ok(Compiled { scene, field, lattice, time, bounds })
+    }
+}
+
 /// A scene ready to be planned.
 #[derive(Debug)]
 pub(super) struct Job {
@@ -82,15 +136,7 @@ pub(super) struct Job {
 impl Job {
     /// Reads the scene and settles what the options leave open.
     pub(super) fn new(path: &Path, options: &Options) -> Result<Job, Failure> {
-        let scene = read_scene(path)?;
-        let field = Field::compile(&scene, options.time);
-        let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
-        let step = match (options.voxel_size, options.resolution) {
-            (Some(size), _) => Step::VoxelSize(size),
-            (None, Some(resolution)) => Step::Resolution(resolution),
-            (None, None) => scene.bake().step,
-        };
-        let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        let Compiled { scene, field, lattice, time, bounds } = Compiled::new(path, &options.scene)?;
         let compression = match options.compression {
             Codec::Blosc => Compression::Blosc,
             Codec::Zip => Compression::Zip,
@@ -99,12 +145,12 @@ impl Job {
         let settings = Settings {
             grids: ["density"],
             voxel_size: lattice.voxel_size,
-            time: options.time,
+            time,
             compression: compression_name(compression),
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
         };
-        let budget = options.memory.unwrap_or_else(Amount::installed);
+        let budget = options.scene.memory.unwrap_or_else(Amount::installed);
         Ok(Job { scene, field, lattice, compression, settings, bounds, budget, resident: memory::resident() })
     }
 

@@ -14,9 +14,10 @@ mod output;
 mod plan;
 mod progress;
 mod recipe;
+mod sample;
 mod text;
 
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 use std::num::NonZeroUsize;
 
 use clap::{Args, Parser, Subcommand};
@@ -53,6 +54,8 @@ enum Command {
     Bake(bake::Arguments),
     /// Tell what a bake would take, without baking
     Plan(plan::Arguments),
+    /// Tell the values of a scene or an OpenVDB file at given points
+    Sample(sample::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
 }
@@ -67,6 +70,7 @@ impl Cli {
         match &self.command {
             Command::Bake(arguments) => bake::run(arguments, &self.global),
             Command::Plan(arguments) => plan::run(arguments, &self.global),
+            Command::Sample(arguments) => sample::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
         }
     }
@@ -81,14 +85,7 @@ impl Global {
         } else {
             human(result)
         };
-        let mut out = io::stdout().lock();
-        match writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {
-            // Who closes the pipe has read enough.
-            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-                Err(Failure::failed("cannot write to standard output").because(error))
-            }
-            _ => Ok(()),
-        }
+        print(|out| writeln!(out, "{}", text.trim_end()))
     }
 
     /// Tells something that is neither result nor error.
@@ -109,6 +106,18 @@ impl Global {
             .num_threads(threads)
             .build()
             .map_err(|error| Failure::failed(format!("cannot start {threads} threads")).because(error))
+    }
+}
+
+/// Writes to standard output.
+fn print(write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Failure> {
+    let mut out = BufWriter::new(io::stdout().lock());
+    match write(&mut out).and_then(|()| out.flush()) {
+        // Who closes the pipe has read enough.
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::failed("cannot write to standard output").because(error))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,3 +1,5 @@
 //! File formats, over `Write` and `Read` (with `Seek` where a format needs it), never a path.
 
+pub mod csv;
+pub mod npy;
 pub mod vdb;

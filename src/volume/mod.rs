@@ -3,18 +3,36 @@
 //! [`Plan::new`] finds every brick that can hold density, before any memory for values is taken. [`bake()`] evaluates them
 //! on all threads and hands those that hold something to a [`Sink`], in file order: the same bricks in the same order
 //! whatever the number of threads.
+//!
+//! A [`Tree`] holds sparse values in memory; a [`Sampler`] filters them at any point, and [`density_at`] evaluates the
+//! field itself there.
 
+mod accessor;
 mod bake;
 mod brick;
 mod dispatch;
+pub(crate) mod node;
 mod plan;
 mod points;
+mod sample;
+pub(crate) mod shape;
 mod store;
+#[cfg(test)]
+mod testing;
+mod transform;
+pub(crate) mod tree;
+mod value;
 
+pub use accessor::Accessor;
 pub use bake::{Phases, Tally, bake};
 pub use brick::{Brick, Sink};
 pub use plan::{Plan, PlanError};
 pub use points::density_at;
+pub use sample::{Filter, Sampled, Sampler, Wide, is_indexed, sample_at};
+pub use shape::{Leaf, Stats, Tile};
 pub use store::Store;
+pub use transform::WorldToIndex;
+pub use tree::{LeafView, Tree};
+pub use value::Value;
 
 pub use crate::field::Lattice;

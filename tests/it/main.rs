@@ -18,4 +18,5 @@ mod noise;
 mod oracle;
 mod reader;
 mod same_bytes;
+mod sample;
 mod support;

@@ -27,8 +27,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.show(&scene::describe(&job::read_scene(path)?), scene::human)
 }
 
-/// By its first bytes or its name.
-fn is_vdb(path: &Path) -> Result<bool, Failure> {
+/// Whether a file is one of OpenVDB, by its first bytes or its name.
+pub(super) fn is_vdb(path: &Path) -> Result<bool, Failure> {
     let failed = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
     let mut start = Vec::new();
     File::open(path)

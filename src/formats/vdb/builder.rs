@@ -4,7 +4,8 @@ use std::io::Write;
 
 use super::codec::{Compression, Encoder};
 use super::file::{FileHeader, FileWriter, GridHeader, VdbWriteError};
-use super::topology::{Leaf, Stats, Tile, Topology};
+use super::topology::Topology;
+use crate::volume::{Leaf, Stats, Tile};
 
 /// Encoded bytes are kept in pieces of this size, so that growing never copies what is there.
 const PIECE: usize = 4 << 20;

@@ -6,8 +6,9 @@ use uuid::Uuid;
 
 use super::codec::{Encoder, flags_text};
 use super::meta::{Meta, Metadata, put_metadata, put_str};
-use super::topology::{Stats, Topology};
+use super::topology::Topology;
 use super::{LIBRARY, MAGIC, NAME_SUFFIX, VERSION};
+use crate::volume::Stats;
 
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]

@@ -36,10 +36,10 @@ pub use builder::{EncodedBricks, VdbGridBuilder, write};
 pub use codec::{Compression, Encoder};
 pub use file::{FileHeader, FileWriter, GridHeader, VdbWriteError};
 pub use meta::{Meta, Metadata};
-pub use read::{
-    AnyTree, FileInfo, Grid, GridInfo, LeafView, Map, Tree, Value, VdbFile, VdbReadError, read_info,
-};
-pub use topology::{Leaf, Stats, Tile, Topology, file_order};
+pub use read::{AnyTree, FileInfo, Grid, GridInfo, Map, VdbFile, VdbReadError, read_info};
+pub use topology::{Topology, file_order};
+
+pub use crate::volume::{Leaf, LeafView, Stats, Tile, Tree, Value};
 
 /// First eight bytes of a file, as a little-endian number.
 const MAGIC: i64 = 0x5644_4220;

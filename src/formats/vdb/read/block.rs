@@ -5,7 +5,7 @@ use flate2::{Decompress, FlushDecompress, Status};
 use super::super::codec::{FLAG_ACTIVE_MASK, FLAG_BLOSC, FLAG_ZIP};
 use super::blosc;
 use super::error::Fault;
-use super::value::Value;
+use super::value::Stored;
 
 /// A code of this size or more is none.
 const CODES: u8 = 7;
@@ -29,7 +29,7 @@ pub(super) enum Length {
     AtLeast(usize),
 }
 
-impl<T: Value> Layout<T> {
+impl<T: Stored> Layout<T> {
     fn value_size(&self) -> usize {
         T::HALF_SIZE.filter(|_| self.half).unwrap_or(T::SIZE)
     }
@@ -169,7 +169,7 @@ fn selects(code: u8) -> bool {
 }
 
 /// Bytes before the payload.
-fn head_len<T: Value>(code: u8, entries: usize) -> Result<usize, Fault> {
+fn head_len<T: Stored>(code: u8, entries: usize) -> Result<usize, Fault> {
     if code >= CODES {
         return Err(Fault::Invalid("code of a value block"));
     }
@@ -188,7 +188,7 @@ fn payload_len(size: i64, raw: usize) -> Result<usize, Fault> {
 }
 
 /// Puts values at the entries whose bit is set.
-fn scatter<T: Value>(values: &[T], mask: &[u64], out: &mut [T]) {
+fn scatter<T: Stored>(values: &[T], mask: &[u64], out: &mut [T]) {
     let mut rest = values;
     for (word, run) in mask.iter().zip(out.chunks_mut(64)) {
         let (here, behind) = rest.split_at((word.count_ones() as usize).min(rest.len()));

@@ -5,12 +5,12 @@ use std::io::{Read, Seek};
 
 use rayon::prelude::*;
 
-use super::super::topology::Leaf;
 use super::block::{Layout, Length, Scratch};
 use super::cursor::Cursor;
 use super::error::{Fault, VdbReadError};
-use super::tree::{PAGE, Page};
-use super::value::Value;
+use super::value::Stored;
+use crate::volume::Leaf;
+use crate::volume::tree::{PAGE, Page};
 
 /// Bytes that are read before they are decoded; what is decoded is then still in the processor's caches.
 const BATCH: usize = 4 << 20;
@@ -32,7 +32,7 @@ pub(super) trait Buffers<T>: Sync {
     ) -> Result<(), Fault>;
 }
 
-impl<T: Value> Buffers<T> for Layout<T> {
+impl<T: Stored> Buffers<T> for Layout<T> {
     fn least(&self) -> usize {
         MASK + Layout::least(self, 512)
     }
@@ -98,7 +98,7 @@ fn check_mask(mask: &[u8], leaf: &Leaf) -> Result<(), Fault> {
 }
 
 /// Reads the values of all leaves.
-pub(super) fn read<T: Value, R: Read + Seek>(
+pub(super) fn read<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     buffers: &impl Buffers<T>,
     leaves: &[Leaf],
@@ -133,7 +133,7 @@ pub(super) fn read<T: Value, R: Read + Seek>(
 }
 
 /// Moves behind the values of all leaves.
-pub(super) fn skip<T: Value, R: Read + Seek>(
+pub(super) fn skip<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     buffers: &impl Buffers<T>,
     leaves: &[Leaf],
@@ -151,7 +151,7 @@ struct Batch<'a> {
     offset: u64,
 }
 
-fn walk<T: Value, R: Read + Seek>(
+fn walk<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     buffers: &impl Buffers<T>,
     leaves: &[Leaf],

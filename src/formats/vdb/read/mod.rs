@@ -15,9 +15,7 @@ mod cursor;
 mod error;
 mod header;
 mod leaves;
-mod node;
 mod topology;
-mod tree;
 mod value;
 
 #[cfg(test)]
@@ -30,8 +28,9 @@ pub use error::VdbReadError;
 use header::Record;
 pub use header::{FileInfo, GridInfo, Map};
 use leaves::{Bits, Buffers};
-pub use tree::{LeafView, Tree};
-pub use value::Value;
+use value::Stored;
+
+use crate::volume::Tree;
 
 /// Lists a file's grids.
 ///
@@ -189,12 +188,12 @@ impl<R: Read + Seek> VdbFile<R> {
         })
     }
 
-    fn tree_of<T: Value>(&mut self, grid: &str, record: &Record) -> Result<Tree<T>, VdbReadError> {
+    fn tree_of<T: Stored>(&mut self, grid: &str, record: &Record) -> Result<Tree<T>, VdbReadError> {
         let (tree, layout) = topology::read(&mut self.cursor, record.flags, record.half)?;
         self.values(grid, tree, &layout)
     }
 
-    fn values<T: Value>(
+    fn values<T: Stored>(
         &mut self,
         grid: &str,
         mut tree: Tree<T>,
@@ -233,7 +232,7 @@ impl<R: Read + Seek> VdbFile<R> {
         Ok(true)
     }
 
-    fn pass_of<T: Value>(&mut self, record: &Record) -> Result<(), VdbReadError> {
+    fn pass_of<T: Stored>(&mut self, record: &Record) -> Result<(), VdbReadError> {
         let (tree, layout) = topology::read::<T, R>(&mut self.cursor, record.flags, record.half)?;
         leaves::skip(&mut self.cursor, &layout, &tree.leaves)
     }

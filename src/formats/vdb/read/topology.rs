@@ -2,16 +2,17 @@
 
 use std::io::{Read, Seek};
 
-use super::super::topology::{LOG2_EDGE, Leaf, align};
 use super::block::{Layout, Length, Scratch};
 use super::cursor::Cursor;
 use super::error::VdbReadError;
-use super::node::Node;
-use super::tree::{RootTile, Tree, child_origin};
-use super::value::Value;
+use super::value::Stored;
+use crate::volume::node::Node;
+use crate::volume::shape::{LOG2_EDGE, align};
+use crate::volume::tree::{RootTile, child_origin};
+use crate::volume::{Leaf, Tree};
 
 /// Reads a tree without its leaves' values, and how those are stored.
-pub(super) fn read<T: Value, R: Read + Seek>(
+pub(super) fn read<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     flags: u32,
     half: bool,
@@ -64,7 +65,7 @@ struct Reader<'a, T, R> {
     values: Vec<T>,
 }
 
-impl<T: Value, R: Read + Seek> Reader<'_, T, R> {
+impl<T: Stored, R: Read + Seek> Reader<'_, T, R> {
     fn node(
         &mut self,
         origin: [i32; 3],
@@ -95,7 +96,7 @@ impl<T: Value, R: Read + Seek> Reader<'_, T, R> {
     }
 }
 
-fn value<T: Value, R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<T, VdbReadError> {
+fn value<T: Stored, R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<T, VdbReadError> {
     let mut bytes = vec![];
     cursor.append(T::SIZE, &mut bytes)?;
     let mut value = [T::ZERO];
@@ -112,7 +113,7 @@ fn root_origin<R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<[i32; 3], VdbRe
 }
 
 /// Sorts the root's entries. Leaf buffers follow in the sorted order, whatever that of the topology was.
-fn sort<T: Value>(tree: &mut Tree<T>) {
+fn sort<T: Stored>(tree: &mut Tree<T>) {
     tree.root_tiles.sort_by_key(|tile| tile.origin);
     if tree.uppers.is_sorted_by_key(|upper| upper.origin) {
         return;

@@ -1,22 +1,18 @@
-//! Types of voxel values, as a file stores them.
+//! Voxel values, as a file stores them.
 
-use std::fmt::Debug;
+use crate::volume::Value;
 
-/// A type that voxels can have.
-///
-/// Sealed: files know no others.
-pub trait Value: Copy + Debug + PartialEq + Send + Sync + sealed::Sealed + 'static {
+/// A value and its bytes in a file.
+pub(super) trait Stored: Value {
     /// Bytes of a value in a file.
     const SIZE: usize;
     /// Bytes of a value where a grid is stored as binary16; `None` for types that never are.
     const HALF_SIZE: Option<usize>;
-    /// Zero, or false.
-    const ZERO: Self;
 
-    /// Values from as many times [`Value::SIZE`] bytes.
+    /// Values from as many times [`Stored::SIZE`] bytes.
     fn decode(bytes: &[u8], out: &mut [Self]);
 
-    /// Values from as many times [`Value::HALF_SIZE`] bytes.
+    /// Values from as many times [`Stored::HALF_SIZE`] bytes.
     fn decode_half(bytes: &[u8], out: &mut [Self]) {
         Self::decode(bytes, out);
     }
@@ -24,25 +20,11 @@ pub trait Value: Copy + Debug + PartialEq + Send + Sync + sealed::Sealed + 'stat
     /// The value with its sign turned; true and false exchanged.
     #[must_use]
     fn negative(self) -> Self;
-
-    /// Whether all bits are equal: of zeros of both signs they are not, of NaN they may be.
-    fn same(self, other: Self) -> bool;
 }
 
-mod sealed {
-    pub trait Sealed {}
-    impl Sealed for bool {}
-    impl Sealed for i32 {}
-    impl Sealed for i64 {}
-    impl Sealed for f32 {}
-    impl Sealed for f64 {}
-    impl<S: Sealed> Sealed for [S; 3] {}
-}
-
-impl Value for bool {
+impl Stored for bool {
     const SIZE: usize = 1;
     const HALF_SIZE: Option<usize> = None;
-    const ZERO: bool = false;
 
     fn decode(bytes: &[u8], out: &mut [bool]) {
         for (value, byte) in out.iter_mut().zip(bytes) {
@@ -53,18 +35,13 @@ impl Value for bool {
     fn negative(self) -> bool {
         !self
     }
-
-    fn same(self, other: bool) -> bool {
-        self == other
-    }
 }
 
 macro_rules! integer {
     ($type:ident, $size:literal) => {
-        impl Value for $type {
+        impl Stored for $type {
             const SIZE: usize = $size;
             const HALF_SIZE: Option<usize> = None;
-            const ZERO: $type = 0;
 
             fn decode(bytes: &[u8], out: &mut [$type]) {
                 for (value, bytes) in out.iter_mut().zip(bytes.as_chunks().0) {
@@ -75,10 +52,6 @@ macro_rules! integer {
             fn negative(self) -> $type {
                 self.wrapping_neg()
             }
-
-            fn same(self, other: $type) -> bool {
-                self == other
-            }
         }
     };
 }
@@ -87,10 +60,9 @@ integer!(i64, 8);
 
 macro_rules! float {
     ($type:ident, $size:literal) => {
-        impl Value for $type {
+        impl Stored for $type {
             const SIZE: usize = $size;
             const HALF_SIZE: Option<usize> = Some(2);
-            const ZERO: $type = 0.0;
 
             fn decode(bytes: &[u8], out: &mut [$type]) {
                 for (value, bytes) in out.iter_mut().zip(bytes.as_chunks().0) {
@@ -107,23 +79,18 @@ macro_rules! float {
             fn negative(self) -> $type {
                 -self
             }
-
-            fn same(self, other: $type) -> bool {
-                self.to_bits() == other.to_bits()
-            }
         }
     };
 }
 float!(f32, 4);
 float!(f64, 8);
 
-impl<S: Value> Value for [S; 3] {
+impl<S: Stored> Stored for [S; 3] {
     const SIZE: usize = 3 * S::SIZE;
     const HALF_SIZE: Option<usize> = match S::HALF_SIZE {
         Some(size) => Some(3 * size),
         None => None,
     };
-    const ZERO: [S; 3] = [S::ZERO; 3];
 
     fn decode(bytes: &[u8], out: &mut [[S; 3]]) {
         S::decode(bytes, out.as_flattened_mut());
@@ -135,10 +102,6 @@ impl<S: Value> Value for [S; 3] {
 
     fn negative(self) -> [S; 3] {
         self.map(S::negative)
-    }
-
-    fn same(self, other: [S; 3]) -> bool {
-        self.iter().zip(other).all(|(a, b)| a.same(b))
     }
 }
 
@@ -185,6 +148,5 @@ mod tests {
         assert_eq!((<[i32; 3]>::SIZE, <[i32; 3]>::HALF_SIZE), (12, None));
         assert_eq!([1.0_f32, -2.0, 0.0].negative(), [-1.0, 2.0, 0.0]);
         assert_eq!((i32::MIN.negative(), true.negative()), (i32::MIN, false));
-        assert!(!0.0_f32.same(-0.0) && f64::NAN.same(f64::NAN));
     }
 }

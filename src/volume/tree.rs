@@ -1,14 +1,15 @@
-//! A grid's tree in memory.
+//! Sparse values in memory.
 
-use super::super::topology::{LOG2_EDGE, Leaf, Stats, Tile, active_box, align, grow, last_voxel};
+use super::accessor::{Content, Cube};
 use super::node::{Entry, Node};
+use super::shape::{LOG2_EDGE, Leaf, Stats, Tile, active_box, align, grow, last_voxel};
 use super::value::Value;
 
 /// Leaves whose values are kept in one piece of memory.
-pub(super) const PAGE: usize = 64;
+pub(crate) const PAGE: usize = 64;
 
 /// The values of up to [`PAGE`] leaves.
-pub(super) type Page<T> = Box<[[T; 512]]>;
+pub(crate) type Page<T> = Box<[[T; 512]]>;
 
 /// A sparse grid of values over all indices (x, y, z) of 32 bits, as OpenVDB has it: a root of cubes of 4096^3 voxels,
 /// each of them a tile with one value, or a node of 32^3 cubes of 128^3 voxels, those in turn tiles or nodes of 16^3 cubes
@@ -18,20 +19,20 @@ pub(super) type Page<T> = Box<[[T; 512]]>;
 /// All values are those of the file, to the bit, those of inactive voxels and tiles included.
 #[derive(Debug, Clone)]
 pub struct Tree<T> {
-    pub(super) background: T,
+    pub(crate) background: T,
     /// Sorted by origin, as are the upper nodes; the lower nodes and the leaves are in the order of their parents' entries.
-    pub(super) root_tiles: Vec<RootTile<T>>,
-    pub(super) uppers: Vec<Node<T>>,
-    pub(super) lowers: Vec<Node<T>>,
-    pub(super) leaves: Vec<Leaf>,
-    pub(super) pages: Vec<Page<T>>,
+    pub(crate) root_tiles: Vec<RootTile<T>>,
+    pub(crate) uppers: Vec<Node<T>>,
+    pub(crate) lowers: Vec<Node<T>>,
+    pub(crate) leaves: Vec<Leaf>,
+    pub(crate) pages: Vec<Page<T>>,
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RootTile<T> {
-    pub(super) origin: [i32; 3],
-    pub(super) value: T,
-    pub(super) active: bool,
+pub(crate) struct RootTile<T> {
+    pub(crate) origin: [i32; 3],
+    pub(crate) value: T,
+    pub(crate) active: bool,
 }
 
 /// A leaf of a [`Tree`]: 8^3 voxels.
@@ -74,6 +75,32 @@ impl<T: Value> Tree<T> {
                 let at = offset(index, 0);
                 Some((*leaf.values.get(at)?, (leaf.mask.get(at / 64)? >> (at % 64)) & 1 == 1))
             }
+        }
+    }
+
+    /// The largest cube around an index that is a leaf, a tile or background throughout.
+    pub(crate) fn cube(&self, index: [i32; 3]) -> Cube<'_, T> {
+        let uniform = |level: usize, value| {
+            Cube::new(index, LOG2_EDGE.get(level).copied().unwrap_or(0), Content::Uniform(value))
+        };
+        let origin = align(index, LOG2_EDGE[2]);
+        let Ok(upper) = self.uppers.binary_search_by_key(&origin, |upper| upper.origin) else {
+            return uniform(2, self.value(index).0);
+        };
+        let entry =
+            |nodes: &[Node<T>], at: usize, level| nodes.get(at).map(|node| node.entry(offset(index, level)));
+        let lower = match entry(&self.uppers, upper, 2) {
+            Some(Entry::Child(lower)) => lower,
+            Some(Entry::Tile(value, _)) => return uniform(1, value),
+            None => return uniform(1, self.background),
+        };
+        match entry(&self.lowers, lower, 1) {
+            Some(Entry::Child(leaf)) => self.leaf(leaf).map_or_else(
+                || uniform(0, self.background),
+                |leaf| Cube::new(index, LOG2_EDGE[0], Content::Leaf(leaf.values)),
+            ),
+            Some(Entry::Tile(value, _)) => uniform(0, value),
+            None => uniform(0, self.background),
         }
     }
 
@@ -186,7 +213,7 @@ fn tiles_of<T: Value>(nodes: &[Node<T>], level: usize) -> impl Iterator<Item = (
 }
 
 /// The place of an index among the entries of its lower node (`level` 1), upper node (2), or leaf (0).
-fn offset(index: [i32; 3], level: usize) -> usize {
+pub(super) fn offset(index: [i32; 3], level: usize) -> usize {
     let (shift, log2) = match level {
         0 => (0, 3),
         1 => (3, 4),
@@ -196,7 +223,7 @@ fn offset(index: [i32; 3], level: usize) -> usize {
 }
 
 /// The first voxel of an entry of a lower (`level` 1) or upper (2) node.
-pub(super) fn child_origin(origin: [i32; 3], at: usize, level: usize) -> [i32; 3] {
+pub(crate) fn child_origin(origin: [i32; 3], at: usize, level: usize) -> [i32; 3] {
     let (shift, log2) = if level == 1 { (3, 4) } else { (7, 5) };
     let mut place = [0; 3];
     for (axis, part) in (0..3).rev().zip(&mut place) {

@@ -4,11 +4,11 @@ use super::value::Value;
 
 /// An upper or lower node: 32^3 or 16^3 entries, each a child or a tile.
 #[derive(Debug, Clone)]
-pub(super) struct Node<T> {
-    pub(super) origin: [i32; 3],
-    pub(super) children: Ranked,
+pub(crate) struct Node<T> {
+    pub(crate) origin: [i32; 3],
+    pub(crate) children: Ranked,
     /// Number of the first child; the others follow it.
-    pub(super) first_child: usize,
+    pub(crate) first_child: usize,
     /// Tiles with values of their own: those that are active, or differ from `rest`.
     own: Ranked,
     values: Box<[T]>,
@@ -18,7 +18,7 @@ pub(super) struct Node<T> {
 }
 
 /// What is at an entry of a node.
-pub(super) enum Entry<T> {
+pub(crate) enum Entry<T> {
     /// The child of this number.
     Child(usize),
     /// A value, and whether it is active.
@@ -27,7 +27,7 @@ pub(super) enum Entry<T> {
 
 impl<T: Value> Node<T> {
     /// A node all of whose tiles are inactive and have this value.
-    pub(super) fn uniform(origin: [i32; 3], children: Vec<u64>, first_child: usize, rest: T) -> Self {
+    pub(crate) fn uniform(origin: [i32; 3], children: Vec<u64>, first_child: usize, rest: T) -> Self {
         let children = Ranked::new(children);
         Self {
             origin,
@@ -41,7 +41,7 @@ impl<T: Value> Node<T> {
     }
 
     /// A node from one value for each entry; those at children mean nothing.
-    pub(super) fn new(
+    pub(crate) fn new(
         origin: [i32; 3],
         children: Vec<u64>,
         first_child: usize,
@@ -76,7 +76,7 @@ impl<T: Value> Node<T> {
         node
     }
 
-    pub(super) fn entry(&self, at: usize) -> Entry<T> {
+    pub(crate) fn entry(&self, at: usize) -> Entry<T> {
         if let Some(rank) = self.children.rank(at) {
             return Entry::Child(self.first_child + rank);
         }
@@ -84,13 +84,13 @@ impl<T: Value> Node<T> {
         own.map_or(Entry::Tile(self.rest, false), |value| Entry::Tile(*value, is_on(&self.active, at)))
     }
 
-    pub(super) fn memory_bytes(&self) -> u64 {
+    pub(crate) fn memory_bytes(&self) -> u64 {
         let masks = self.children.words.len() + self.own.words.len();
         (size_of::<Self>() + masks * 10 + self.active.len() * 8 + size_of_val(&*self.values)) as u64
     }
 
     /// Tiles with values of their own: place, value, and whether they are active.
-    pub(super) fn tiles(&self) -> impl Iterator<Item = (usize, T, bool)> {
+    pub(crate) fn tiles(&self) -> impl Iterator<Item = (usize, T, bool)> {
         self.own.ones().zip(&self.values).map(|(at, value)| (at, *value, is_on(&self.active, at)))
     }
 }
@@ -101,7 +101,7 @@ fn is_on(mask: &[u64], at: usize) -> bool {
 
 /// A mask that knows how many bits are set before each word.
 #[derive(Debug, Clone)]
-pub(super) struct Ranked {
+pub(crate) struct Ranked {
     words: Box<[u64]>,
     before: Box<[u16]>,
 }
@@ -131,7 +131,7 @@ impl Ranked {
     }
 
     /// The places of set bits, ascending.
-    pub(super) fn ones(&self) -> impl Iterator<Item = usize> {
+    pub(crate) fn ones(&self) -> impl Iterator<Item = usize> {
         self.words.iter().enumerate().flat_map(|(at, word)| {
             let mut bits = *word;
             std::iter::from_fn(move || {
@@ -142,7 +142,7 @@ impl Ranked {
         })
     }
 
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.words.iter().map(|word| word.count_ones() as usize).sum()
     }
 }

@@ -1,0 +1,280 @@
+//! `vdbake sample`: values at points.
+
+mod points;
+mod values;
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use serde::Serialize;
+
+use super::interrupt::{Interrupt, Watched};
+use super::job::{Compiled, SceneOptions};
+use super::output::Output;
+use super::{Failure, Global, info, print, text};
+use crate::formats::npy;
+use crate::formats::vdb::{FileInfo, VdbFile};
+use crate::num::Level;
+use crate::reference::Reference;
+use crate::volume::{self, Filter, PlanError, WorldToIndex};
+use values::Samples;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// A scene, or an OpenVDB file
+    #[arg(value_name = "SCENE|FILE")]
+    file: PathBuf,
+    /// Where to sample: CSV of x,y,z a line, or .npy of N x 3; - for CSV on standard input
+    #[arg(long, value_name = "FILE|-")]
+    points: PathBuf,
+    /// How values between the voxels of a file are found [default: trilinear]
+    #[arg(long, value_enum)]
+    filter: Option<FilterName>,
+    /// The grid to sample [default: the only one, else density]
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Take points as indices of the file's own lattice: whole numbers give stored values, to the bit
+    #[arg(long)]
+    index: bool,
+    /// Evaluate a scene by the slow reference, in double precision
+    #[arg(long)]
+    exact: bool,
+    /// Where to write, a name that ends in .csv or .npy [default: CSV to standard output]
+    #[arg(short, long, value_name = "OUT")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneOptions,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FilterName {
+    /// The nearest voxel's value
+    Nearest,
+    /// Linear between 2^3 voxels
+    Trilinear,
+    /// Catmull-Rom over 4^3 voxels, clamped to the range of the inner 2^3
+    Cubic,
+}
+
+impl From<FilterName> for Filter {
+    fn from(name: FilterName) -> Filter {
+        match name {
+            FilterName::Nearest => Filter::Nearest,
+            FilterName::Trilinear => Filter::Trilinear,
+            FilterName::Cubic => Filter::Cubic,
+        }
+    }
+}
+
+/// What was sampled, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    file: String,
+    grid: String,
+    /// `kernel`, `reference`, or a filter of a file's values.
+    method: &'static str,
+    /// Seconds after the scene's start frame; null for files.
+    time: Option<f64>,
+    /// At which octaves fade; null for files.
+    voxel_size: Option<f64>,
+    points: usize,
+    /// Points that are not finite, or lie where there are no indices: they have the background's value.
+    out_of_range: usize,
+    /// Where the values were written.
+    output: Option<String>,
+    /// Null where they were written to a file.
+    values: Option<&'a Samples>,
+}
+
+/// Where values go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Csv,
+    Npy,
+}
+
+/// Values at points, and how they were found.
+struct Found {
+    samples: Samples,
+    grid: String,
+    method: &'static str,
+    time: Option<f64>,
+    voxel_size: Option<f64>,
+    out_of_range: usize,
+}
+
+/// Samples.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let form = arguments.output.as_deref().map(form).transpose()?;
+    let is_file = info::is_vdb(&arguments.file)?;
+    check(arguments, is_file)?;
+    let interrupt = Interrupt::listen()?;
+    let pool = global.pool()?;
+    let points = points::read(&arguments.points)?;
+    let found =
+        pool.install(|| if is_file { of_file(arguments, &points) } else { of_scene(arguments, &points) })?;
+    if found.out_of_range > 0 {
+        global.note(&format!(
+            "{} of {} points are not finite or too far away; they have the background's value",
+            text::count(found.out_of_range as u64),
+            text::count(points.len() as u64),
+        ));
+    }
+    if let (Some(path), Some(form)) = (&arguments.output, form) {
+        interrupt.hold();
+        write(path, form, &points, &found.samples, &interrupt)?;
+    }
+    let report = Report {
+        file: arguments.file.display().to_string(),
+        grid: found.grid,
+        method: found.method,
+        time: found.time,
+        voxel_size: found.voxel_size,
+        points: points.len(),
+        out_of_range: found.out_of_range,
+        output: arguments.output.as_ref().map(|path| path.display().to_string()),
+        values: arguments.output.is_none().then_some(&found.samples),
+    };
+    match &report.output {
+        None if !global.json => print(|out| found.samples.write_csv(&points, out)),
+        output => {
+            let output = output.clone().unwrap_or_default();
+            global.show(&report, |report| {
+                format!("{output}  {} values by {}", text::count(report.points as u64), report.method)
+            })
+        }
+    }
+}
+
+/// Refuses options that have no meaning for what is sampled.
+fn check(arguments: &Arguments, is_file: bool) -> Result<(), Failure> {
+    let refuse =
+        |option: &str, what: &str| Err(Failure::usage(format!("{option} has no meaning for {what}")));
+    if is_file {
+        let of_scenes = arguments.exact.then_some("--exact").or(arguments.scene.for_scenes_only());
+        return of_scenes.map_or(Ok(()), |option| refuse(option, "a file, only for a scene"));
+    }
+    if arguments.index {
+        return refuse("--index", "a scene, only for a file");
+    }
+    if arguments.filter.is_some() {
+        return refuse("--filter", "a scene, which is evaluated at the points themselves");
+    }
+    match arguments.grid.as_deref() {
+        None | Some("density") => Ok(()),
+        Some(other) => Err(Failure::usage(format!("a scene has no grid {other:?}, only density"))),
+    }
+}
+
+fn form(path: &Path) -> Result<Form, Failure> {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    match extension.as_deref() {
+        Some("csv") => Ok(Form::Csv),
+        Some("npy") => Ok(Form::Npy),
+        _ => Err(Failure::usage(format!("the output {} ends in neither .csv nor .npy", path.display()))),
+    }
+}
+
+fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
+    let Compiled { scene, field, lattice, time, .. } = Compiled::new(&arguments.file, &arguments.scene)?;
+    let (samples, method) = if arguments.exact {
+        let reference = Reference::new(&scene, time, Some(lattice.voxel_size));
+        (Samples::by_reference(&reference, points), "reference")
+    } else {
+        let budget = arguments.scene.budget();
+        let values = volume::density_at(&field, lattice, points, Level::best(), budget).map_err(unplanned)?;
+        (Samples::numbers(npy::Values::F32(values)), "kernel")
+    };
+    Ok(Found {
+        samples,
+        grid: "density".to_owned(),
+        method,
+        time: Some(time),
+        voxel_size: Some(lattice.voxel_size),
+        out_of_range: points.iter().filter(|point| !point.is_finite()).count(),
+    })
+}
+
+fn unplanned(error: PlanError) -> Failure {
+    Failure::failed(error.to_string()).hint("take a larger --voxel-size")
+}
+
+fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
+    let name = arguments.file.display();
+    let failed = |error| Failure::input(format!("cannot read {name}")).because(error);
+    let file = File::open(&arguments.file)
+        .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    let mut file = VdbFile::open(file).map_err(failed)?.with_memory_limit(arguments.scene.budget());
+    let number = choose(file.info(), arguments.grid.as_deref())?;
+    let grid = file.grid_at(number).map_err(failed)?;
+    let indices: Vec<DVec3> = if arguments.index {
+        points.to_vec()
+    } else {
+        let map = grid.info.map.matrix.as_ref().and_then(WorldToIndex::new).ok_or_else(|| {
+            let map = text::tidy(&grid.info.map.type_name);
+            Failure::input(format!("the grid's {map} has no inverse that is known here"))
+                .hint("--index samples in index space")
+        })?;
+        points.iter().map(|point| map.index(*point)).collect()
+    };
+    let filter = arguments.filter.map_or(Filter::Trilinear, Filter::from);
+    Ok(Found {
+        samples: Samples::of_tree(&grid.tree, filter, &indices),
+        grid: grid.info.name,
+        method: match filter {
+            Filter::Nearest => "nearest",
+            Filter::Trilinear => "trilinear",
+            Filter::Cubic => "cubic",
+        },
+        time: None,
+        voxel_size: None,
+        out_of_range: indices.iter().filter(|index| !volume::is_indexed(**index)).count(),
+    })
+}
+
+/// The number of the grid to sample.
+fn choose(info: &FileInfo, name: Option<&str>) -> Result<usize, Failure> {
+    let find = |name: &str| info.grids.iter().position(|grid| grid.name == name);
+    let names = || {
+        let names: Vec<String> = info.grids.iter().map(|grid| text::tidy(&grid.name)).collect();
+        format!("the file holds: {}", names.join(", "))
+    };
+    match (name, info.grids.len()) {
+        (_, 0) => Err(Failure::input("the file holds no grid")),
+        (Some(name), _) => {
+            find(name).ok_or_else(|| Failure::usage(format!("the file has no grid {name:?}")).hint(names()))
+        }
+        (None, 1) => Ok(0),
+        (None, _) => find("density").ok_or_else(|| {
+            Failure::usage("the file has several grids; choose one with --grid").hint(names())
+        }),
+    }
+}
+
+/// Writes a file of values, whole or not at all.
+fn write(
+    path: &Path,
+    form: Form,
+    points: &[DVec3],
+    samples: &Samples,
+    interrupt: &Interrupt,
+) -> Result<(), Failure> {
+    let output = Output::create(path)?;
+    let failed =
+        |error: io::Error| Failure::failed(format!("cannot write {}", path.display())).because(error);
+    let write = || {
+        let mut out = BufWriter::new(Watched { inner: output.file(), interrupt });
+        match form {
+            Form::Csv => samples.write_csv(points, &mut out)?,
+            Form::Npy => npy::write(&mut out, samples.array())?,
+        }
+        out.flush()?;
+        output.sync()
+    };
+    write().map_err(failed).or_else(|failure| interrupt.check().and(Err(failure)))?;
+    interrupt.check()?;
+    output.publish().map_err(failed)
+}
