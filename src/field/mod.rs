@@ -20,7 +20,8 @@
 //! the tangent changes from T1 to T2 at a joint or in a cusp, the points beyond the plane of T1 and before that of T2
 //! have the corner E as a foot: p - E is turned about `T1 x T2` into the plane normal to T1, and u and v are taken there
 //! with the first side's frame, so w = 0. A rotation-minimising frame is turned likewise, which makes the coordinates
-//! continuous on both sides. (Where the tangent reverses, the axis of that turn is the frame's U.)
+//! continuous on both sides. (Where the tangent reverses, the axis of that turn is the normal of the plane that a cusp lies
+//! in, or the frame's U in a fold.)
 //!
 //! ```text
 //! contribution = focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)
