@@ -209,7 +209,7 @@ impl WithLevel for Lanes<'_> {
     }
 }
 
-fn lanes(octaves: &[Octave<f32>], points: &[[f32; 3]]) -> Vec<f32> {
+pub(crate) fn lanes(octaves: &[Octave<f32>], points: &[[f32; 3]]) -> Vec<f32> {
     let mut out = Vec::new();
     with_level(Level::best(), Lanes { octaves, points, out: &mut out });
     out

@@ -1,42 +1,11 @@
 //! The noise in lanes against the reference's.
 
 use vdbake::noise::{BAND, BOUND, Octave, band_weight};
-use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::reference;
 
-/// One octave at points (x, y, z), in the product's lanes.
-struct Lanes<'a> {
-    octave: &'a Octave<f32>,
-    points: &'a [[f32; 3]],
-    out: &'a mut Vec<f32>,
-}
+use crate::gates_noise::lanes;
 
-impl WithLevel for Lanes<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        for sixteen in self.points.chunks_exact(16) {
-            let mut axes = [[0.0; 16]; 3];
-            for (i, point) in sixteen.iter().enumerate() {
-                for axis in 0..3 {
-                    axes[axis][i] = point[axis];
-                }
-            }
-            let p = [R::load(token, &axes[0]), R::load(token, &axes[1]), R::load(token, &axes[2])];
-            let mut values = [0.0; 16];
-            self.octave.value(token, p).store(&mut values);
-            self.out.extend(values);
-        }
-    }
-}
-
-fn lanes(octave: &Octave<f32>, points: &[[f32; 3]]) -> Vec<f32> {
-    let mut out = Vec::new();
-    with_level(Level::best(), Lanes { octave, points, out: &mut out });
-    out
-}
-
-/// Points in [-4, 4)^3, multiples of 2^-17.
+/// Points in [-4, 4)^3, multiples of 2^-13.
 fn points(count: usize) -> Vec<[f32; 3]> {
     let mut state = 7_u64;
     let mut next = || {
@@ -52,9 +21,9 @@ fn lanes_agree_with_the_reference_as_well_at_a_billion_cells_as_at_the_origin() 
     for far in [0.0, -1.0, 1e3, 1e6, 1e9, -1e9, 4_294_967_296.0, 1e12] {
         for seed in [0, 0xDEAD_BEEF] {
             let origin = [far + 0.25, -far + 0.125, far];
-            let found = lanes(&Octave::new(origin, [1.0; 3], seed, 1.0), &points);
+            let found = lanes(&[Octave::new(origin, [1.0; 3], seed, 1.0)], &points);
             for (p, value) in points.iter().zip(found) {
-                // Whole cells and fractions apart: exact, as all are multiples of 2^-17.
+                // Whole cells and fractions apart: exact, as all are multiples of 2^-13.
                 let at = [0, 1, 2].map(|axis| f64::from(p[axis]) + (origin[axis] - origin[axis].floor()));
                 #[allow(clippy::cast_possible_truncation, reason = "whole numbers below 2^53")]
                 let cell = [0, 1, 2].map(|axis| origin[axis].floor() as i64 + at[axis].floor() as i64);
@@ -69,7 +38,7 @@ fn lanes_agree_with_the_reference_as_well_at_a_billion_cells_as_at_the_origin() 
 #[test]
 fn no_value_exceeds_the_bound_and_the_mean_is_zero() {
     let points = points(1 << 20);
-    let found = lanes(&Octave::new([0.0; 3], [1.0; 3], 3, 1.0), &points);
+    let found = lanes(&[Octave::new([0.0; 3], [1.0; 3], 3, 1.0)], &points);
     let largest = found.iter().fold(0.0_f64, |most, &value| most.max(f64::from(value).abs()));
     assert!(largest <= BOUND, "{largest}");
     let mean = found.iter().map(|&value| f64::from(value)).sum::<f64>() / found.len() as f64;
