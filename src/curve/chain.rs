@@ -87,6 +87,11 @@ impl Curve {
         &self.segments
     }
 
+    /// Whether the curve ends where it starts, and goes on there as if it had no ends.
+    pub fn is_closed(&self) -> bool {
+        false
+    }
+
     /// Which frame goes along the curve.
     pub fn rule(&self) -> FrameRule {
         self.rule

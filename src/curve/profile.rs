@@ -172,6 +172,26 @@ impl Profile {
         self.range(0.0, 1.0).1
     }
 
+    /// Root mean square over [0, 1].
+    pub fn rms(&self) -> f64 {
+        // The square of a cubic has degree 6: four points are exact.
+        const NODES: [(f64, f64); 4] = [
+            (-0.861_136_311_594_052_6, 0.347_854_845_137_453_86),
+            (-0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
+            (0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
+            (0.861_136_311_594_052_6, 0.347_854_845_137_453_86),
+        ];
+        let mut sum = 0.0;
+        for piece in &self.pieces {
+            let (middle, half) = (0.5 * (piece.x0 + piece.x1), 0.5 * (piece.x1 - piece.x0));
+            for (node, weight) in NODES {
+                let value = piece.at(middle + half * node);
+                sum += half * weight * value * value;
+            }
+        }
+        sum.sqrt()
+    }
+
     /// The value, where it is the same everywhere.
     pub fn as_constant(&self) -> Option<f64> {
         let (low, high) = self.range(0.0, 1.0);

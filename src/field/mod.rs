@@ -24,12 +24,25 @@
 //! in, or the frame's U in a fold.)
 //!
 //! ```text
-//! contribution = focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)
-//! density      = max(0, largest contribution over all feet of all tubes)
+//! f_i     = gain * focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)      for each foot i
+//! tube    = join of f_i over its feet, by the tube's overlap rule
+//! density = max(0, join over the tubes, by the scene's)
 //! ```
 //!
 //! - `1 - kappa rho cos = ((C - p) . C'' + |C'|^2) / |C'|^2` is 1 on the axis and 0 where feet meet and vanish;
 //!   `focal(x) = smoothstep(0, 0.2, x)` removes the jump there. At ends and corners it is 1.
+//! - The joins: *max*, the largest of f_i; *sum*; *closest*, the f_i whose foot is nearest (least rho, the distance to the
+//!   axis), with `focal` left out: Moinet's rule, which jumps where two feet are equally far; *blend*, the mean of f_i
+//!   with the weights `focal (1 - sqrt(q))^2`. For the join over tubes, a tube's rho is its least and its weight the sum of
+//!   its feet's weights. Nothing joined is 0, and so is a mean of no weight.
+//! - `gain` is 1 where a tube conserves nothing. With V0 the square of the rest cylinder's radius times its length, and L1
+//!   the length of the curve (where the tube is not stretched, both lengths are 1), it is `V0 / (r^2 L1)` where the tube
+//!   conserves by radius, and that over `max(1 - kappa rho cos, 0.05)` where it conserves fully. So `gain` is the rest volume over the
+//!   deformed one, `dV / dV0 = (1 - kappa rho cos) r^2 ds/dl` (neither twist nor the slope of the radius changes volume).
+//! - A tube thinner than the voxel, where the scene widens it: r in all of the above is
+//!   `sqrt(r^2 + (1.2 h)^2 (1 - smoothstep(0.5, 2, r / h)))`, with r the tube's own radius and h the voxel's edge, and
+//!   where nothing is conserved `gain` is the square of the own radius over the widened one. (Where 1e-6 of the largest
+//!   radius is asked about, the own radius is meant.)
 //! - `radial(x)`: smooth `(1 - x^2)^2`, linear `1 - x`, hard 1, edge(w) `1 - smoothstep(1 - w, 1, x)`.
 //! - `axial(x)` with faded caps over the fraction f: `smoothstep(0, f, x) * smoothstep(0, f, 1 - x)`; else 1.
 //! - `layers`: from the value 1, each layer in order joins `multiplier * pattern`, or with a threshold

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
-use crate::scene::{Bake, Camera, Fbm, Medium, Step, TimeBase};
+use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase};
 use glam::DVec3;
 
 /// Uniform numbers in [0, 1) (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
@@ -38,6 +38,9 @@ fn tube(segments: Vec<Segment>) -> Tube {
         frame: FrameRule::RotationMinimising,
         caps: Caps::Flat,
         radial: Radial::Smooth,
+        conserve: Conserve::Off,
+        rest: Rest { radius: 1.0, length: 1.0 },
+        overlap: Overlap::Max,
         layers: Vec::new(),
     }
 }
@@ -45,8 +48,9 @@ fn tube(segments: Vec<Segment>) -> Tube {
 fn scene(tubes: Vec<Tube>) -> Scene {
     Scene {
         name: "scene".into(),
-        bake: Bake { step: Step::VoxelSize(0.1), cutoff: 0.0, octave_fade: true },
+        bake: Bake { step: Step::VoxelSize(0.1), cutoff: 0.0, octave_fade: true, widen: true },
         time: TimeBase { fps: 24.0, start: 1 },
+        overlap: Overlap::Max,
         tubes,
         medium: Medium { extinction: 1.0, albedo: 0.5, anisotropy: 0.0 },
         camera: Camera::default(),

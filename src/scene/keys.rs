@@ -13,13 +13,13 @@ pub(super) struct Section {
 
 pub(super) static ROOT: Section = Section {
     name: "the top level",
-    keys: &["name", "bake", "time", "tube", "medium", "camera", "light"],
+    keys: &["name", "bake", "time", "overlap", "tube", "medium", "camera", "light"],
     later: &[],
 };
 
 pub(super) static BAKE: Section = Section {
     name: "[bake]",
-    keys: &["resolution", "voxel_size", "grids", "cutoff", "octave_fade"],
+    keys: &["resolution", "voxel_size", "grids", "cutoff", "octave_fade", "widen"],
     later: &[],
 };
 
@@ -28,8 +28,8 @@ pub(super) static TIME: Section = Section { name: "[time]", keys: &["fps", "star
 pub(super) static TUBE: Section = Section {
     name: "[[tube]]",
     keys: &[
-        "name", "curve", "radius", "twist", "spin", "stretch", "frame", "caps", "conserve", "overlap",
-        "envelope", "layer",
+        "name", "curve", "radius", "twist", "spin", "stretch", "frame", "caps", "conserve", "rest",
+        "overlap", "envelope", "layer",
     ],
     later: &[],
 };
@@ -47,6 +47,8 @@ pub(super) static CURVE: Section = Section {
 };
 
 pub(super) static ENVELOPE: Section = Section { name: "envelope", keys: &["radial", "axial"], later: &[] };
+
+pub(super) static REST: Section = Section { name: "rest", keys: &["radius", "length"], later: &[] };
 
 pub(super) static LAYER: Section = Section {
     name: "[[tube.layer]]",
@@ -77,5 +79,5 @@ pub(super) static LIGHT: Section =
     Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
 
 /// All of them, in the order of a scene.
-pub(super) static SECTIONS: [&Section; 10] =
-    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ENVELOPE, &LAYER, &MEDIUM, &CAMERA, &LIGHT];
+pub(super) static SECTIONS: [&Section; 11] =
+    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA, &LIGHT];

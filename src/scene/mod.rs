@@ -28,6 +28,7 @@ pub struct Scene {
     pub(crate) name: String,
     pub(crate) bake: Bake,
     pub(crate) time: TimeBase,
+    pub(crate) overlap: Overlap,
     pub(crate) tubes: Vec<Tube>,
     pub(crate) medium: Medium,
     pub(crate) camera: Camera,
@@ -44,6 +45,8 @@ pub struct Bake {
     pub cutoff: f64,
     /// Whether octaves too fine for the voxel fade out.
     pub octave_fade: bool,
+    /// Whether tubes thinner than the voxel are widened to it, and thinned out, so that their mass is kept.
+    pub widen: bool,
 }
 
 /// How the voxel size is chosen.
@@ -85,6 +88,12 @@ pub struct Tube {
     pub caps: Caps,
     /// Density against the distance to the axis.
     pub radial: Radial,
+    /// What the density owes to the deformation.
+    pub conserve: Conserve,
+    /// The cylinder at rest that mass is conserved against.
+    pub rest: Rest,
+    /// How the contributions of several feet on this tube's axis become one density.
+    pub overlap: Overlap,
     /// Layers, combined in order.
     pub layers: Vec<Layer>,
 }
@@ -98,6 +107,39 @@ pub enum Caps {
     Fade(f64),
     /// Half a ball at each end.
     Round,
+}
+
+/// What the density owes to the deformation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Conserve {
+    /// Nothing: it is the rest cylinder's density.
+    Off,
+    /// It falls as the tube's cross-section and length grow.
+    Radius,
+    /// It falls as volume grows, bending included: mass is kept.
+    Full,
+}
+
+/// The cylinder that a tube is made of, before it is bent, stretched and twisted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rest {
+    /// Radius in metres, above 0.
+    pub radius: f64,
+    /// Length in metres, above 0. Where the tube is not stretched the cylinder is as long as the curve instead.
+    pub length: f64,
+}
+
+/// How several densities at one point become one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Overlap {
+    /// The largest.
+    Max,
+    /// Their sum.
+    Sum,
+    /// That of the nearest axis.
+    Closest,
+    /// Their mean, weighted by how far inside of the tube the point is.
+    Blend,
 }
 
 /// Density against the distance to the axis as a fraction x of the radius.
@@ -215,6 +257,10 @@ impl Scene {
     /// Frames and seconds.
     pub fn time(&self) -> TimeBase {
         self.time
+    }
+    /// How the densities of several tubes become one.
+    pub fn overlap(&self) -> Overlap {
+        self.overlap
     }
     /// The tubes, in the order of the text.
     pub fn tubes(&self) -> &[Tube] {

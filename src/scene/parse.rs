@@ -7,7 +7,7 @@ use toml::de::DeTable;
 use super::error::{Fault, Faults, SceneErrors};
 use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
 use super::reader::{Item, Reader, Words};
-use super::{Bake, Scene, Step, TimeBase, limit, syntax, tube, view};
+use super::{Bake, Overlap, Scene, Step, TimeBase, limit, syntax, tube, view};
 
 /// Voxels along the longest side.
 const RESOLUTION: u32 = 256;
@@ -36,6 +36,7 @@ impl Scene {
             name: root.get("name").and_then(name).unwrap_or_else(|| stem(origin)),
             bake: bake(&root),
             time: time(&root),
+            overlap: root.word("overlap", &tube::OVERLAP).unwrap_or(Overlap::Max),
             tubes: tube::tubes(&root.tables("tube", &TUBE)),
             medium: view::medium(root.table("medium", &MEDIUM)),
             camera: view::camera(&root),
@@ -48,7 +49,7 @@ impl Scene {
 }
 
 fn bake(root: &Reader<'_>) -> Bake {
-    let default = Bake { step: Step::Resolution(RESOLUTION), cutoff: 0.0, octave_fade: true };
+    let default = Bake { step: Step::Resolution(RESOLUTION), cutoff: 0.0, octave_fade: true, widen: true };
     let Some(table) = root.table("bake", &BAKE) else { return default };
     let resolution = table.integer("resolution", 1..=LARGEST).and_then(|n| u32::try_from(n).ok());
     let voxel_size = table.number("voxel_size", &limit::POSITIVE);
@@ -68,6 +69,7 @@ fn bake(root: &Reader<'_>) -> Bake {
         },
         cutoff: table.number("cutoff", &limit::NOT_NEGATIVE).unwrap_or(default.cutoff),
         octave_fade: table.boolean("octave_fade").unwrap_or(default.octave_fade),
+        widen: table.boolean("widen").unwrap_or(default.widen),
     }
 }
 

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::error::Fault;
-use super::keys::{CURVE, ENVELOPE, LAYER};
+use super::keys::{CURVE, ENVELOPE, LAYER, REST};
 use super::reader::{Item, Reader, Words};
-use super::{Caps, Radial, Tube, axis, layer, limit};
+use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, axis, layer, limit};
 use crate::curve::{Curve, FrameRule, Profile, ProfileError};
 
 /// Radius of a tube that gives none, as a part of its curve's length.
@@ -32,16 +32,21 @@ static CAPS: Words<End> = Words {
     instead: "",
 };
 
-static CONSERVE: Words<()> = Words {
-    known: &[("off", ())],
-    later: &["radius", "full"],
-    instead: "this version leaves the density as it is where the tube narrows or bends: \"off\"",
+static CONSERVE: Words<Conserve> = Words {
+    known: &[("off", Conserve::Off), ("radius", Conserve::Radius), ("full", Conserve::Full)],
+    later: &[],
+    instead: "",
 };
 
-static OVERLAP: Words<()> = Words {
-    known: &[("max", ())],
-    later: &["sum", "closest", "blend"],
-    instead: "this version takes the largest density where tubes overlap: \"max\"",
+pub(super) static OVERLAP: Words<Overlap> = Words {
+    known: &[
+        ("max", Overlap::Max),
+        ("sum", Overlap::Sum),
+        ("closest", Overlap::Closest),
+        ("blend", Overlap::Blend),
+    ],
+    later: &[],
+    instead: "",
 };
 
 static RADIAL: Words<Radial> = Words {
@@ -89,8 +94,10 @@ fn name<'a>(table: &Reader<'a>, taken: &mut BTreeMap<&'a str, Item<'a>>) -> Opti
 }
 
 fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
-    table.word("conserve", &CONSERVE);
-    table.word("overlap", &OVERLAP);
+    let conserve = table.word("conserve", &CONSERVE).unwrap_or(Conserve::Off);
+    let overlap = table.word("overlap", &OVERLAP).unwrap_or(Overlap::Max);
+    let rest = table.table("rest", &REST);
+    let rest = ["radius", "length"].map(|key| rest.and_then(|rest| rest.number(key, &limit::POSITIVE)));
     let frame = table.word("frame", &FRAMES).unwrap_or(FrameRule::RotationMinimising);
     let curve = curve(table, frame);
     let radius = table.get("radius").and_then(radius);
@@ -104,7 +111,25 @@ fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
     let radius = radius.unwrap_or_else(|| {
         Profile::constant(RADIUS * curve.length()).expect("a part of a curve's length is a radius")
     });
-    Some(Tube { name, curve, radius, twist, spin, stretch, frame, caps, radial, layers })
+    let rest = Rest {
+        radius: rest[0].unwrap_or_else(|| radius.rms()),
+        length: rest[1].unwrap_or_else(|| curve.length()),
+    };
+    Some(Tube {
+        name,
+        curve,
+        radius,
+        twist,
+        spin,
+        stretch,
+        frame,
+        caps,
+        radial,
+        conserve,
+        rest,
+        overlap,
+        layers,
+    })
 }
 
 fn curve(table: &Reader<'_>, frame: FrameRule) -> Option<Curve> {

@@ -185,21 +185,16 @@ error: key `octaves` does not belong to noise "sectors"
 fn words_of_later_versions() {
     let text = r#"[[tube]]
 curve = { points = [[0, 0, 0], [0, 0, 1], [0, 1, 2]] }
-conserve = "full"
-overlap = "blend"
+
+[[tube.layer]]
+noise = "worley"
 "#;
     let expected = r#"
-error: `conserve` "full" is not in this version
- --> scene.toml:3:12
+error: `noise` "worley" is not in this version
+ --> scene.toml:5:9
   |
-3 | conserve = "full"
-  |            ^^^^^^ this version leaves the density as it is where the tube narrows or bends: "off"
-
-error: `overlap` "blend" is not in this version
- --> scene.toml:4:11
-  |
-4 | overlap = "blend"
-  |           ^^^^^^^ this version takes the largest density where tubes overlap: "max""#;
+5 | noise = "worley"
+  |         ^^^^^^^^ this version has "perlin", "constant" and "sectors""#;
     assert_eq!(messages(text), expected.trim_start());
 }
 
