@@ -1,5 +1,6 @@
 //! What commands share that take a scene: the scene, the settings after defaults and overrides, and the memory they may take.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -105,7 +106,7 @@ impl Compiled {
     pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
         let scene = read_scene(path)?;
         let time = options.time.unwrap_or(0.0);
-        let field = Field::compile(&scene, time);
+        let mut field = Field::compile(&scene, time);
         let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
         let step = match (options.voxel_size, options.resolution) {
             (Some(size), _) => Step::VoxelSize(size),
@@ -113,6 +114,7 @@ impl Compiled {
             (None, None) => scene.bake().step,
         };
         let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        field.widen(lattice);
         Ok(Compiled { scene, field, lattice, time, bounds })
     }
 }
@@ -149,6 +151,7 @@ impl Job {
             compression: compression_name(compression),
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
+            widen: scene.bake().widen,
         };
         let budget = options.scene.budget();
         Ok(Job { scene, field, lattice, compression, settings, bounds, budget, resident: memory::resident() })
@@ -181,7 +184,11 @@ impl Job {
     /// The plan at a lattice, or why there is none.
     fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
         let process = self.process();
-        match Plan::new(&self.field, lattice, self.budget.bytes().saturating_sub(process)) {
+        let mut field = Cow::Borrowed(&self.field);
+        if lattice != self.lattice {
+            field.to_mut().widen(lattice);
+        }
+        match Plan::new(&field, lattice, self.budget.bytes().saturating_sub(process)) {
             Ok(plan) if self.memory(&plan) <= self.budget.bytes() => Ok(plan),
             #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
             Ok(plan) => {

@@ -20,6 +20,7 @@ pub(super) struct Settings {
     pub(super) compression: &'static str,
     pub(super) cutoff: f64,
     pub(super) octave_fade: bool,
+    pub(super) widen: bool,
 }
 
 /// A compression's word on the command line.
@@ -83,13 +84,14 @@ mod tests {
             compression: "blosc",
             cutoff: 0.0,
             octave_fade: true,
+            widen: true,
         }
     }
 
     #[test]
     fn settings_have_one_form() {
         let recipe = Recipe::new("", &settings()).expect("settings");
-        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"compression":"blosc","cutoff":0.0,"octave_fade":true}"#;
+        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true}"#;
         assert_eq!(recipe.settings, expected);
     }
 

@@ -71,8 +71,10 @@
 
 mod cover;
 mod explain;
+mod join;
 pub mod kernel;
 mod narrow;
+mod radius;
 mod region;
 mod span;
 mod tube;
@@ -83,7 +85,7 @@ pub use cover::Capsule;
 pub use narrow::Candidate;
 pub use region::Region;
 
-use crate::scene::Scene;
+use crate::scene::{Overlap, Scene};
 use tube::Tube;
 
 /// The cubic arrangement of voxels: voxel i along an axis is the cell from `i h` to `(i + 1) h` and its sample is the
@@ -122,14 +124,27 @@ pub const VOXELS: usize = EDGE * EDGE * EDGE;
 #[derive(Debug, Clone)]
 pub struct Field {
     tubes: Vec<Tube>,
+    overlap: Overlap,
     octave_fade: bool,
+    widen: bool,
 }
 
 impl Field {
     /// Compiles the scene as it is `time` seconds after its start frame. Stages that it does not use are left out.
     pub fn compile(scene: &Scene, time: f64) -> Field {
         let tubes = scene.tubes().iter().map(|tube| Tube::compile(tube, time)).collect();
-        Field { tubes, octave_fade: scene.bake().octave_fade }
+        let bake = scene.bake();
+        Field { tubes, overlap: scene.overlap(), octave_fade: bake.octave_fade, widen: bake.widen }
+    }
+
+    /// Widens what is too thin for a lattice, where the scene says so. Without this the field is that of an endlessly fine
+    /// lattice, octaves apart.
+    pub fn widen(&mut self, lattice: Lattice) {
+        if self.widen {
+            for tube in &mut self.tubes {
+                tube.widen(lattice.voxel_size);
+            }
+        }
     }
 
     /// Corners of the box around the density, in metres; `None` where there is none.

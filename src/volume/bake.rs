@@ -39,6 +39,10 @@ pub struct Tally {
     pub bisected_voxels: u64,
     /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
+    /// Voxels with several feet on one axis.
+    pub several_feet_voxels: u64,
+    /// Voxels inside a tube but beyond its focal set: there the distance to its axis has a local maximum.
+    pub beyond_focal_voxels: u64,
     /// SHA-256 over all active bricks in file order: see [`bake`].
     pub content_hash: [u8; 32],
 }
@@ -79,6 +83,8 @@ pub fn bake<S: Sink>(
             tally.searched_voxels += done.counts.searched;
             tally.bisected_voxels += done.counts.bisected;
             tally.inside_voxels += done.counts.inside;
+            tally.several_feet_voxels += done.counts.several;
+            tally.beyond_focal_voxels += done.counts.beyond;
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
             for digest in &done.digests {
@@ -147,9 +153,7 @@ impl Worker {
             let counts =
                 evaluate_block(level, &self.region, Places::Centres, &mut self.scratch, &mut brick.values);
             activate(level, cutoff, &mut brick);
-            done.counts.searched += counts.searched;
-            done.counts.bisected += counts.bisected;
-            done.counts.inside += counts.inside;
+            done.counts.add(counts);
             let active = brick.active();
             if active > 0 {
                 done.active += u64::from(active);

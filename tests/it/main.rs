@@ -12,6 +12,7 @@ mod gates_hash;
 mod gates_noise;
 mod gates_oracle;
 mod hostile;
+mod joins;
 mod kernel;
 mod layers;
 mod noise;

@@ -2,7 +2,7 @@
 
 use crate::curve::{FrameRule, Profile};
 use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ROOT, SECTIONS};
-use crate::scene::{Camera, Caps, Fbm, Light, Op, Pattern, Radial, Scene, Step, TimeBase};
+use crate::scene::{Camera, Caps, Conserve, Fbm, Light, Op, Overlap, Pattern, Radial, Scene, Step, TimeBase};
 
 const SKETCH: &str = r#"
 name = "tornado"
@@ -112,6 +112,32 @@ fn empty_text_is_an_empty_scene_named_after_its_file() {
     assert_eq!(scene.bake().step, Step::Resolution(256));
     assert_eq!((scene.bake().cutoff, scene.bake().octave_fade), (0.0, true));
     assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1 });
+}
+
+#[test]
+fn words_for_overlap_and_conservation() {
+    for (word, rule) in [
+        ("max", Overlap::Max),
+        ("sum", Overlap::Sum),
+        ("closest", Overlap::Closest),
+        ("blend", Overlap::Blend),
+    ] {
+        assert_eq!(scene(&format!("overlap = \"{word}\"")).overlap(), rule);
+        assert_eq!(tube(&format!("overlap = \"{word}\"")).tubes()[0].overlap, rule);
+    }
+    for (word, conserve) in [("off", Conserve::Off), ("radius", Conserve::Radius), ("full", Conserve::Full)] {
+        assert_eq!(tube(&format!("conserve = \"{word}\"")).tubes()[0].conserve, conserve);
+    }
+    assert!(!scene("[bake]\nwiden = false").bake().widen && scene("[bake]").bake().widen);
+}
+
+#[test]
+fn the_rest_cylinder_is_as_large_as_the_tube_unless_told() {
+    // The mean square of a cone from 0 to 3 is 3.
+    let rest = tube("radius = [[0, 0], [1, 3]]").tubes()[0].rest;
+    assert!((rest.radius - 3.0_f64.sqrt()).abs() < 1e-15 && rest.length == 2.0);
+    let rest = tube("rest = { radius = 0.5 }").tubes()[0].rest;
+    assert_eq!((rest.radius, rest.length), (0.5, 2.0));
 }
 
 #[test]
