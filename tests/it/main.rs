@@ -20,3 +20,4 @@ mod reader;
 mod same_bytes;
 mod sample;
 mod support;
+mod vdb_rs;

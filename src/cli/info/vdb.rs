@@ -191,6 +191,17 @@ pub(super) fn human(report: &Report) -> String {
     table.finish()
 }
 
+/// Metadata that is told already, in other words.
+const TOLD: [&str; 7] = [
+    "class",
+    "file_bbox_max",
+    "file_bbox_min",
+    "file_compression",
+    "file_voxel_count",
+    "is_saved_as_half_float",
+    "name",
+];
+
 fn describe(grid: &Grid, table: &mut text::Table) {
     let or_unknown = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
     let half = if grid.half { ", stored as 16-bit floats" } else { "" };
@@ -216,4 +227,7 @@ fn describe(grid: &Grid, table: &mut text::Table) {
     let bbox = grid.bbox.map(|[low, high]| format!("{} to {}", corner(low), corner(high)));
     table.row("index bounds", bbox.unwrap_or_else(|| "none".to_owned()));
     table.row("size", text::bytes(grid.bytes));
+    for (name, value) in grid.metadata.iter().filter(|(name, _)| !TOLD.contains(&name.as_str())) {
+        table.row(&text::tidy(name), value.human());
+    }
 }

@@ -262,14 +262,30 @@ fn a_part_is_that_of_the_whole_whatever_the_compression() {
 #[test]
 fn a_part_takes_its_own_memory() {
     let bytes = three();
-    let area = Part::within([0; 3], [7; 3]);
     let whole = float(&bytes, "a");
+    let area = Part::around(whole.leaves().take(1).map(|leaf| leaf.origin));
     let needed =
         whole.memory_bytes() - (whole.leaf_count() as u64 - 1) * 2048 + 4 * whole.leaf_count() as u64;
     assert_eq!(part(&bytes, "a", &area).leaves().count(), 1);
     let grid = |limit| open(&bytes).with_memory_limit(limit).grid_part("a", &area);
     assert!(grid(needed).is_ok());
     assert!(matches!(grid(needed - 1), Err(VdbReadError::Memory { needed: n, .. }) if n == needed));
+}
+
+#[test]
+fn codecs_that_are_not_read_are_named() {
+    let bytes = file(&[(&grid_header("a"), &build(Compression::Blosc, &few()))]);
+    let mask = float(&bytes, "a").leaves().last().expect("leaves").mask.map(u64::to_le_bytes);
+    // Behind the mask, the code, the frame's length, and the versions of the frame and of its codec.
+    let flags = find(&bytes, mask.as_flattened()).last().expect("the mask") + 64 + 1 + 8 + 2;
+    assert_eq!(bytes[flags], 0x31);
+    for (codec, name) in [(0, "BloscLZ"), (2, "Snappy"), (3, "zlib"), (4, "Zstandard")] {
+        let mut other = bytes.clone();
+        other[flags] = 0x11 | codec << 5;
+        let error = open(&other).grid("a").expect_err("no LZ4").to_string();
+        let at = flags - 2 - 8 - 1 - 64;
+        assert_eq!(error, format!("Blosc with {name} at byte {at} is not supported"));
+    }
 }
 
 #[test]
