@@ -56,6 +56,8 @@ struct Report {
     /// Null: no density is compared with a cylinder at rest.
     mass_ratio: Option<f64>,
     left_out: Vec<String>,
+    /// What in the scene is hardly meant.
+    warnings: Vec<String>,
     content_sha256: String,
     uuid: String,
 }
@@ -83,6 +85,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let path = job::output_path(arguments.output.as_deref(), &job.scene);
     let plan = pool.install(|| job.plan())?;
     drop(planning);
+    let warnings = job.field.warnings();
+    global.warn(&warnings);
     if plan.bricks() == 0 {
         global.note(match job.bounds {
             None => "the scene holds no density; its grid is empty",
@@ -140,6 +144,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         simd: Level::best().name(),
         mass_ratio: None,
         left_out: job.field.left_out(job.lattice),
+        warnings,
         content_sha256: content,
         uuid: header.uuid.to_string(),
     };

@@ -90,9 +90,18 @@ impl Global {
 
     /// Tells something that is neither result nor error.
     fn note(&self, text: &str) {
+        self.tell("note", text);
+    }
+
+    /// Tells what is hardly meant.
+    fn warn(&self, warnings: &[String]) {
+        warnings.iter().for_each(|warning| self.tell("warning", &text::plain(warning)));
+    }
+
+    fn tell(&self, kind: &str, text: &str) {
         if !self.quiet {
             // Where standard error is closed there is nobody to tell.
-            let _ = writeln!(io::stderr(), "note: {text}");
+            let _ = writeln!(io::stderr(), "{kind}: {text}");
         }
     }
 

@@ -45,6 +45,8 @@ struct Report {
     threads: usize,
     simd: String,
     left_out: Vec<String>,
+    /// What in the scene is hardly meant.
+    warnings: Vec<String>,
 }
 
 /// Upper bounds.
@@ -95,8 +97,10 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         threads,
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice),
+        warnings: job.field.warnings(),
     };
     drop(progress);
+    global.warn(&report.warnings);
     global.show(&report, |report| human(report, arguments.options.explain))
 }
 

@@ -330,6 +330,39 @@ fn a_grid_without_active_voxels_is_noted() {
 }
 
 #[test]
+fn flips_of_frenet_frames_are_told() {
+    let folder = Folder::new();
+    let scene = |points: &str, frame: &str| {
+        format!(
+            "[[tube]]\nname = \"bend\"\ncurve = {{ kind = \"cubic\", points = {points} }}\nframe = {frame:?}\n"
+        )
+    };
+    let s = "[[0, 0, 0], [1, 2, 0], [2, -2, 0], [3, 0, 0]]";
+    folder.put("s.toml", scene(s, "frenet"));
+    folder.put("smooth.toml", scene(s, "rotation-minimising"));
+    folder.put("arc.toml", scene("[[0, 0, 0], [1, 1, 0], [2, 1, 0], [3, 0, 0]]", "frenet"));
+    for command in ["bake", "plan"] {
+        let arguments = [command, "s.toml", "--resolution", "32"];
+        let output = folder.run(&arguments);
+        let expected = "warning: tube \"bend\": its Frenet frame flips at l = 0.5000, ";
+        let errors_of_it = errors(&output);
+        let told: Vec<&str> = errors_of_it.lines().filter(|line| line.starts_with("warning")).collect();
+        assert!(code(&output) == 0 && told.len() == 1 && told[0].starts_with(expected), "{errors_of_it}");
+        assert!(told[0].contains("rotation-minimising"));
+        let quiet = [&arguments[..], &["--quiet"]].concat();
+        assert_eq!(errors(&folder.run(&quiet)), "");
+        let report = folder.json(&quiet);
+        let warnings: Vec<_> = report["warnings"].as_array().expect("a list").iter().collect();
+        assert_eq!(warnings, [&Value::from(told[0].trim_start_matches("warning: "))]);
+        for fine in ["smooth.toml", "arc.toml"] {
+            let arguments = [command, fine, "--resolution", "32"];
+            assert!(!errors(&folder.run(&arguments)).contains("warning"));
+            assert_eq!(folder.json(&arguments)["warnings"], Value::Array(vec![]));
+        }
+    }
+}
+
+#[test]
 fn memory_is_told_in_the_units_it_was_given_in() {
     let folder = Folder::new();
     for (given, told) in [("10MB", "10.0 MB"), ("10MiB", "10.0 MiB")] {

@@ -46,7 +46,7 @@ fn vdb_rs_reads_what_was_evaluated() {
         for compression in COMPRESSIONS {
             let baked = bake(&scene, folder.path(), &["--compression", compression]);
             let context = format!("{} {compression}", scene.display());
-            assert_same(&vdb_rs(&baked.path), &evaluated(&scene, baked.voxel_size), &context);
+            assert_same(&vdb_rs(&baked.path, "density"), &evaluated(&scene, baked.voxel_size), &context);
         }
     }
 }

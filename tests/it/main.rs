@@ -21,3 +21,4 @@ mod reader;
 mod same_bytes;
 mod sample;
 mod support;
+mod vdb_rs;

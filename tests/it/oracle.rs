@@ -89,11 +89,10 @@ pub(crate) fn vdb_print(file: &Path) -> Result<String, String> {
     if text.contains("ERROR") { Err(text) } else { Ok(text) }
 }
 
-/// The voxels that `vdb-rs` finds, sorted by index.
-pub(crate) fn vdb_rs(file: &Path) -> Vec<Voxel> {
+/// The voxels of a grid that `vdb-rs` finds, sorted by index.
+pub(crate) fn vdb_rs(file: &Path, grid: &str) -> Vec<Voxel> {
     let file = BufReader::new(File::open(file).expect("a readable file"));
-    let grid =
-        VdbReader::new(file).and_then(|mut reader| reader.read_grid::<f32>("density")).expect("a grid");
+    let grid = VdbReader::new(file).and_then(|mut reader| reader.read_grid::<f32>(grid)).expect("a grid");
     let mut voxels = Vec::new();
     for (corner, value, level) in grid.iter() {
         let edge = match level {
@@ -109,7 +108,7 @@ pub(crate) fn vdb_rs(file: &Path) -> Vec<Voxel> {
 }
 
 /// The indices in a cube at the origin.
-fn indices(edge: i32) -> impl Iterator<Item = [i32; 3]> {
+pub(crate) fn indices(edge: i32) -> impl Iterator<Item = [i32; 3]> {
     (0..edge).flat_map(move |x| (0..edge).flat_map(move |y| (0..edge).map(move |z| [x, y, z])))
 }
 

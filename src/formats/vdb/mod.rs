@@ -8,7 +8,8 @@
 //! 3. [`write()`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same
 //!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
-//! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`]; [`read_info`] lists only.
+//! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`], or a [`Part`] of it as a
+//! [`PartialTree`]; [`read_info`] lists only.
 //!
 //! # What is written
 //!
@@ -36,10 +37,12 @@ pub use builder::{EncodedBricks, VdbGridBuilder, write};
 pub use codec::{Compression, Encoder};
 pub use file::{FileHeader, FileWriter, GridHeader, VdbWriteError};
 pub use meta::{Meta, Metadata};
-pub use read::{AnyTree, FileInfo, Grid, GridInfo, Map, VdbFile, VdbReadError, read_info};
+pub use read::{
+    AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Map, PartialGrid, VdbFile, VdbReadError, read_info,
+};
 pub use topology::{Topology, file_order};
 
-pub use crate::volume::{Leaf, LeafView, Stats, Tile, Tree, Value};
+pub use crate::volume::{Leaf, LeafView, NotRead, Part, PartialTree, Stats, Tile, Tree, Value};
 
 /// First eight bytes of a file, as a little-endian number.
 const MAGIC: i64 = 0x5644_4220;
