@@ -15,7 +15,7 @@ use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
-use crate::volume::{self, Phases, Plan, Tally};
+use crate::volume::{self, LARGEST_F16, Phases, Plan, Tally};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -37,6 +37,7 @@ struct Report {
     voxel_size: f64,
     /// Corners of the box around the density, in metres.
     bounds: Option<[[f64; 3]; 2]>,
+    precision: &'static str,
     compression: &'static str,
     planned_bricks: u64,
     searched_voxels: u64,
@@ -45,6 +46,8 @@ struct Report {
     several_feet_voxels: u64,
     beyond_focal_voxels: u64,
     active_voxels: u64,
+    /// Of these, whose density was beyond the range of the precision, and was clamped.
+    clamped_voxels: u64,
     leaves: u64,
     tiles: u64,
     bytes: u64,
@@ -107,6 +110,13 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         );
     }
 
+    if tally.clamped_voxels > 0 {
+        global.note(&format!(
+            "{} of a density beyond {LARGEST_F16}, the largest 16-bit float, got that value; --precision f32 keeps them",
+            text::number(tally.clamped_voxels, "voxel"),
+        ));
+    }
+
     let content = text::hexadecimal(&tally.content_hash);
     let header = job.file_header(&content)?;
     let bytes = write(&mut output, &job, &header, &grid, &interrupt)
@@ -126,6 +136,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         time: job.settings.time,
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         searched_voxels: tally.searched_voxels,
@@ -134,6 +145,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         several_feet_voxels: tally.several_feet_voxels,
         beyond_focal_voxels: tally.beyond_focal_voxels,
         active_voxels: tally.active_voxels,
+        clamped_voxels: tally.clamped_voxels,
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,
@@ -158,7 +170,7 @@ fn evaluate(
     interrupt: &Interrupt,
     progress: &mut Progress,
 ) -> Result<(VdbGridBuilder, Tally, Phases), Failure> {
-    let mut sink = Watched { inner: VdbGridBuilder::new(job.compression), interrupt };
+    let mut sink = Watched { inner: VdbGridBuilder::with_encoder(job.encoder), interrupt };
     let cutoff = job.scene.bake().cutoff;
     let advance = |bricks| progress.advance(bricks);
     let (tally, phases) =

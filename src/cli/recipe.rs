@@ -4,7 +4,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
-use crate::formats::vdb::{Compression, Meta, Metadata};
+use crate::formats::vdb::{Compression, Meta, Metadata, Precision};
 
 /// The program and its version.
 const CREATOR: &str = concat!("vdbake ", env!("CARGO_PKG_VERSION"));
@@ -17,6 +17,7 @@ pub(super) struct Settings {
     pub(super) voxel_size: f64,
     /// Seconds after the start frame.
     pub(super) time: f64,
+    pub(super) precision: &'static str,
     pub(super) compression: &'static str,
     pub(super) cutoff: f64,
     pub(super) octave_fade: bool,
@@ -29,6 +30,14 @@ pub(super) fn compression_name(compression: Compression) -> &'static str {
         Compression::Blosc => "blosc",
         Compression::Zip => "zip",
         Compression::None => "none",
+    }
+}
+
+/// A precision's word on the command line.
+pub(super) fn precision_name(precision: Precision) -> &'static str {
+    match precision {
+        Precision::F32 => "f32",
+        Precision::F16 => "f16",
     }
 }
 
@@ -81,6 +90,7 @@ mod tests {
             grids: ["density"],
             voxel_size: 0.1,
             time: 0.0,
+            precision: "f32",
             compression: "blosc",
             cutoff: 0.0,
             octave_fade: true,
@@ -91,7 +101,7 @@ mod tests {
     #[test]
     fn settings_have_one_form() {
         let recipe = Recipe::new("", &settings()).expect("settings");
-        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true}"#;
+        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"precision":"f32","compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true}"#;
         assert_eq!(recipe.settings, expected);
     }
 

@@ -115,6 +115,7 @@ fn usage_is_2() {
         &["bake", "bent.toml", "--memory", "much"],
         &["bake", "bent.toml", "--threads", "0"],
         &["bake", "bent.toml", "--compression", "rar"],
+        &["bake", "bent.toml", "--precision", "f64"],
         &["bake", "bent.toml", "-o", "bent.exr"],
         &["bake", "bent.toml", "-o", "."],
     ] {
@@ -199,8 +200,8 @@ fn results_and_progress_do_not_mix() {
 #[test]
 fn recipe_is_in_the_file() {
     let folder = Folder::new();
-    let arguments = ["bake", "bent.toml", "--voxel-size", "0.125", "--time", "-0.5", "--compression", "zip"];
-    let report = folder.json(&arguments);
+    let arguments = ["bake", "bent.toml", "--voxel-size", "0.125", "--time", "-0.5"];
+    let report = folder.json(&[&arguments[..], &["--compression", "zip", "--precision", "f16"]].concat());
     let info = folder.json(&["info", "bent.vdb"]);
     assert_eq!(info["kind"], "vdb");
     assert_eq!(info["uuid"], report["uuid"]);
@@ -212,10 +213,11 @@ fn recipe_is_in_the_file() {
     for (name, value) in [("voxel_size", 0.125), ("time", -0.5), ("cutoff", 0.0)] {
         assert_eq!(settings[name], value);
     }
-    assert_eq!(settings["compression"], "zip");
+    assert_eq!((&settings["compression"], &settings["precision"]), (&"zip".into(), &"f16".into()));
     let grid = &info["grids"][0];
     assert_eq!(grid["name"], "density");
     assert_eq!(grid["class"], "fog volume");
+    assert_eq!((&grid["type"], &grid["half"]), (&"Tree_float_5_4_3".into(), &true.into()));
     assert_eq!(grid["compression"], "zip + active values");
     assert_eq!(grid["active_voxels"], report["active_voxels"]);
     // A voxel's value is that of its centre.
@@ -247,11 +249,11 @@ fn a_vdb_file_is_known_by_its_content() {
 #[test]
 fn plan_bounds_what_the_bake_takes() {
     let folder = Folder::new();
-    for compression in ["none", "zip", "blosc"] {
-        let with = |command| folder.json(&[command, "bent.toml", "--compression", compression]);
+    for form in crate::support::FORMS {
+        let with = |command| folder.json(&[&[command, "bent.toml"][..], &form].concat());
         let (plan, bake) = (with("plan"), with("bake"));
         assert_eq!(plan["planned_bricks"], bake["planned_bricks"]);
-        assert!(number(&bake["bytes"]) <= number(&plan["at_most"]["bytes"]), "{compression}");
+        assert!(number(&bake["bytes"]) <= number(&plan["at_most"]["bytes"]), "{form:?}");
         assert!(number(&bake["active_voxels"]) <= number(&plan["at_most"]["active_voxels"]));
         // All bricks are in the sample, so nothing but the bytes of nodes is left to estimate.
         assert_eq!(plan["estimated"]["sampled_bricks"], plan["planned_bricks"]);

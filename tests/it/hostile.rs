@@ -6,7 +6,8 @@ use std::process::Command;
 
 use tempfile::tempdir;
 use vdbake::formats::vdb::{
-    Compression, EncodedBricks, FileHeader, GridHeader, Metadata, Part, VdbFile, VdbGridBuilder, write,
+    Compression, EncodedBricks, FileHeader, GridClass, GridHeader, Metadata, Part, VdbFile, VdbGridBuilder,
+    VectorType, write,
 };
 
 use crate::oracle::{openvdb_make, vdb_tool};
@@ -121,6 +122,8 @@ fn own(compression: Compression) -> Vec<u8> {
     let header = FileHeader { uuid: uuid::Uuid::nil(), metadata: Metadata::new() };
     let grid_header = GridHeader {
         name: "density".to_owned(),
+        class: GridClass::FogVolume,
+        vector_type: VectorType::Invariant,
         voxel_size: 0.5,
         translation: [0.25; 3],
         metadata: Metadata::new(),

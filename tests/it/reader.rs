@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 use vdbake::formats::vdb::{
-    AnyPartialTree, AnyTree, Compression, FileHeader, Grid, GridHeader, GridInfo, Map, Meta, Metadata,
-    NotRead, Part, PartialTree, Tree, VdbFile, VdbGridBuilder, VdbReadError, write,
+    AnyPartialTree, AnyTree, Compression, FileHeader, Grid, GridClass, GridHeader, GridInfo, Map, Meta,
+    Metadata, NotRead, Part, PartialTree, Tree, VdbFile, VdbGridBuilder, VdbReadError, VectorType, write,
 };
 
 use crate::oracle::{Probed, openvdb, openvdb_make, openvdb_probe, vdb_tool};
@@ -125,6 +125,8 @@ fn metadata_of_every_type_is_what_openvdb_reads() {
         name: "density".into(),
         voxel_size: 0.5,
         translation: [0.0; 3],
+        class: GridClass::FogVolume,
+        vector_type: VectorType::Invariant,
         metadata: metadata.clone(),
     };
     let mut file = File::create(&path).expect("a writable folder");
