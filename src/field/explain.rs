@@ -27,11 +27,15 @@ impl Field {
         if tube.profile.as_constant().is_some() {
             say("change of the radius: it is constant".into());
         }
-        if !matches!(tube.caps, Caps::Fade(_)) {
-            say("fade at the ends: caps do not ask for it".into());
-        }
-        if !matches!(tube.caps, Caps::Round) {
-            say("half balls at the ends: caps are not round".into());
+        if tube.curve.is_closed() {
+            say("fade and half balls at the ends: the curve is closed".into());
+        } else {
+            if !matches!(tube.caps, Caps::Fade(_)) {
+                say("fade at the ends: caps do not ask for it".into());
+            }
+            if !matches!(tube.caps, Caps::Round) {
+                say("half balls at the ends: caps are not round".into());
+            }
         }
         if tube.radial == Radial::Hard {
             say("envelope: it is hard".into());

@@ -218,7 +218,7 @@ impl Field {
         let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
 
         let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
-        let cut = tube.caps != Caps::Round;
+        let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
         let [starts, ends] = interval.t.map(|t| stands(segment_of(tube, segment), t));

@@ -20,6 +20,7 @@
 //! - a cusp or fold inside a segment is a corner of half a turn. There, and where a segment comes straight
 //!   back on the one before it, `T1 x T2` has no direction; instead it is the normal of a cusp's plane, else
 //!   the frame's normal;
+//! - on a closed curve the last stretch is before the first in all of this;
 //! - the corner's frame is that at the end of the first segment, Frenet's too;
 //! - with round caps the end is a foot of every point beyond its normal plane, whatever else is nearer.
 
@@ -164,7 +165,7 @@ impl Bent {
         let vector = |v: &glam::DVec3| Vector3::new(v.x, v.y, v.z);
         let segments: Vec<_> =
             tube.curve.segments().iter().map(|segment| segment.power().each_ref().map(vector)).collect();
-        let axis = Axis::new(&segments, tube.frame);
+        let axis = Axis::new(&segments, tube.frame, tube.curve.is_closed());
         Bent { tube: tube.clone(), axis, radius: Radius::new(&tube.radius) }
     }
 
