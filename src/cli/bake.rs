@@ -9,7 +9,7 @@ use cpu_time::ProcessTime;
 use serde::Serialize;
 
 use super::interrupt::{Interrupt, Stopped, Watched};
-use super::job::{self, Job, Options};
+use super::job::{self, Job, Options, SamplingError, sampling_errors};
 use super::output::Output;
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, text};
@@ -59,8 +59,10 @@ struct Report {
     /// Null: no density is compared with a cylinder at rest.
     mass_ratio: Option<f64>,
     left_out: Vec<String>,
-    /// What in the scene is hardly meant.
+    /// What in the scene is hardly meant, each with its line and column.
     warnings: Vec<String>,
+    /// How far radii that are read from files may be off between their samples.
+    sampling_errors: Vec<SamplingError>,
     content_sha256: String,
     uuid: String,
 }
@@ -88,8 +90,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let path = job::output_path(arguments.output.as_deref(), &job.scene);
     let plan = pool.install(|| job.plan())?;
     drop(planning);
-    let warnings = job.field.warnings();
-    global.warn(&warnings);
+    global.warn_of(job.scene.warnings());
     if plan.bricks() == 0 {
         global.note(match job.bounds {
             None => "the scene holds no density; its grid is empty",
@@ -156,7 +157,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         simd: Level::best().name(),
         mass_ratio: None,
         left_out: job.field.left_out(job.lattice),
-        warnings,
+        warnings: text::warnings(job.scene.warnings()),
+        sampling_errors: sampling_errors(&job.scene),
         content_sha256: content,
         uuid: header.uuid.to_string(),
     };
@@ -276,6 +278,7 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
     }
     if explain {
         table.rows("left out", &report.left_out, "nothing");
+        SamplingError::show(&report.sampling_errors, &mut table);
     }
     table.finish()
 }

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 
 use super::memory::{self, Amount};
 use super::recipe::{Recipe, Settings, compression_name, precision_name};
@@ -15,7 +16,7 @@ use crate::formats::vdb::{
     self, Compression, Encoder, FileHeader, GridClass, GridHeader, Precision, VectorType,
 };
 use crate::scene::limit::{ANY, POSITIVE};
-use crate::scene::{Scene, SceneErrors, Step};
+use crate::scene::{MOST_INPUT, Scene, SceneErrors, Step, Tube};
 use crate::volume::{Lattice, Plan, PlanError};
 
 /// The first bytes of every VDB file.
@@ -283,7 +284,7 @@ impl Job {
 
     /// The file around the grid. `content` is the hash of all values, in hexadecimal.
     pub(super) fn file_header(&self, content: &str) -> Result<FileHeader, Failure> {
-        let recipe = Recipe::new(self.scene.text(), &self.settings)
+        let recipe = Recipe::new(self.scene.text(), self.scene.inputs(), &self.settings)
             .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
         Ok(FileHeader { uuid: recipe.uuid(), metadata: recipe.metadata(content) })
     }
@@ -367,7 +368,50 @@ pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     if let Some(errors) = SceneErrors::not_utf8(&origin, &bytes) {
         return Err(errors.into());
     }
-    Ok(Scene::parse(&String::from_utf8_lossy(&bytes), &origin)?)
+    let folder = path.parent().unwrap_or(Path::new(""));
+    Ok(Scene::load(&String::from_utf8_lossy(&bytes), &origin, &|file| read_input(&folder.join(file)))?)
+}
+
+/// An estimate for a radius that is read from a file.
+#[derive(Debug, Serialize)]
+pub(super) struct SamplingError {
+    tube: String,
+    /// Metres that the radius may be off between its samples.
+    radius: f64,
+}
+
+impl SamplingError {
+    /// In words, where there are any.
+    pub(super) fn show(errors: &[SamplingError], table: &mut text::Table) {
+        let words = |SamplingError { tube, radius }: &SamplingError| {
+            format!(
+                "radius of tube \"{}\": about {} m between its samples",
+                text::tidy(tube),
+                text::short(*radius)
+            )
+        };
+        if !errors.is_empty() {
+            table.rows("estimated error", &errors.iter().map(words).collect::<Vec<_>>(), "");
+        }
+    }
+}
+
+/// Those of a scene.
+pub(super) fn sampling_errors(scene: &Scene) -> Vec<SamplingError> {
+    let of = |tube: &Tube| Some(SamplingError { tube: tube.name.clone(), radius: tube.sampling_error? });
+    scene.tubes().iter().filter_map(of).collect()
+}
+
+/// Reads a file that a scene names.
+fn read_input(path: &Path) -> io::Result<Vec<u8>> {
+    let file = File::open(path)?;
+    // Devices and the like have no end.
+    if !file.metadata()?.is_file() {
+        return Err(io::Error::other("it is no file"));
+    }
+    let mut bytes = Vec::new();
+    file.take(MOST_INPUT + 1).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Where a scene's file goes: where the user says, else under the scene's name in the current folder.

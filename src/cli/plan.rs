@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 
-use super::job::{Job, Options};
+use super::job::{Job, Options, SamplingError, sampling_errors};
 use super::progress::Planning;
 use super::{Failure, Global, text};
 use crate::formats::vdb::{self, Compression, GridBound, VdbGridBuilder};
@@ -46,8 +46,10 @@ struct Report {
     threads: usize,
     simd: String,
     left_out: Vec<String>,
-    /// What in the scene is hardly meant.
+    /// What in the scene is hardly meant, each with its line and column.
     warnings: Vec<String>,
+    /// How far radii that are read from files may be off between their samples.
+    sampling_errors: Vec<SamplingError>,
 }
 
 /// Upper bounds.
@@ -99,10 +101,11 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         threads,
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice),
-        warnings: job.field.warnings(),
+        warnings: text::warnings(job.scene.warnings()),
+        sampling_errors: sampling_errors(&job.scene),
     };
     drop(progress);
-    global.warn(&report.warnings);
+    global.warn_of(job.scene.warnings());
     global.show(&report, |report| human(report, arguments.options.explain))
 }
 
@@ -184,6 +187,7 @@ fn human(report: &Report, explain: bool) -> String {
     );
     if explain {
         table.rows("left out", &report.left_out, "nothing");
+        SamplingError::show(&report.sampling_errors, &mut table);
     }
     table.finish()
 }

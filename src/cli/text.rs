@@ -4,6 +4,8 @@ use std::fmt::Display;
 
 use bytesize::ByteSize;
 
+use crate::scene::{Fault, Warnings};
+
 /// Columns that the names of values take.
 const NAMES: usize = 21;
 
@@ -84,6 +86,13 @@ fn dimensions([x, y, z]: [u64; 3]) -> String {
 /// A voxel size in metres, with the voxels along each side of the density.
 pub(super) fn voxels(size: f64, sides: [u64; 3]) -> String {
     format!("{} m ({} voxels)", short(size), dimensions(sides))
+}
+
+/// Warnings of a scene, each with its line and column.
+pub(super) fn warnings(warnings: &Warnings) -> Vec<String> {
+    let show =
+        |fault: &Fault| format!("line {}, column {}: {}", fault.line(), fault.column(), fault.message());
+    warnings.list().iter().map(show).collect()
 }
 
 /// Seconds to the millisecond.

@@ -15,11 +15,6 @@ impl Field {
         self.tubes.iter().flat_map(|tube| self.left_out_of(tube, lattice)).collect()
     }
 
-    /// What in the scene is legal, but hardly meant, tube by tube.
-    pub fn warnings(&self) -> Vec<String> {
-        self.tubes.iter().filter_map(Tube::flips).collect()
-    }
-
     fn left_out_of(&self, tube: &Tube, lattice: Lattice) -> Vec<String> {
         let mut out = Vec::new();
         let mut say = |text: String| out.push(format!("tube \"{}\": {text}", tube.name));
@@ -38,11 +33,15 @@ impl Field {
         if tube.conserve == Conserve::Off {
             say("conservation: not asked for".into());
         }
-        if !matches!(tube.caps, Caps::Fade(_)) {
-            say("fade at the ends: caps do not ask for it".into());
-        }
-        if !matches!(tube.caps, Caps::Round) {
-            say("half balls at the ends: caps are not round".into());
+        if tube.curve.is_closed() {
+            say("fade and half balls at the ends: the curve is closed".into());
+        } else {
+            if !matches!(tube.caps, Caps::Fade(_)) {
+                say("fade at the ends: caps do not ask for it".into());
+            }
+            if !matches!(tube.caps, Caps::Round) {
+                say("half balls at the ends: caps are not round".into());
+            }
         }
         if tube.radial == Radial::Hard {
             say("envelope: it is hard".into());
@@ -78,26 +77,5 @@ impl Field {
             }
         }
         out
-    }
-}
-
-impl Tube {
-    /// Where its frame flips, in words: l from 0 to 1 even where noise is not stretched, as for the radius.
-    fn flips(&self) -> Option<String> {
-        /// Places that are listed.
-        const MOST: usize = 4;
-        let flips = self.curve.flips();
-        let length = self.curve.length();
-        let places: Vec<String> = flips.iter().take(MOST).map(|s| format!("{:.4}", s / length)).collect();
-        let more = flips.len() - places.len();
-        let rest = if more > 0 { format!(" and at {more} more places") } else { String::new() };
-        (!flips.is_empty()).then(|| {
-            format!(
-                "tube \"{}\": its Frenet frame flips at l = {}{rest}, and the noise with it; \
-                 frame = \"rotation-minimising\" does not",
-                self.name,
-                places.join(", "),
-            )
-        })
     }
 }

@@ -23,6 +23,10 @@
 //! continuous on both sides. (Where the tangent reverses, the axis of that turn is the normal of the plane that a cusp lies
 //! in, or the frame's U in a fold.)
 //!
+//! A closed curve has no ends, and no fade there: its last segment is followed by its first, at a joint like any other. Its
+//! frame closes too (`Curve::frame`), so that u and v go on across that joint where the twist is a number of whole turns;
+//! l falls from its largest value to 0 there.
+//!
 //! ```text
 //! f_i     = gain * focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)      for each foot i
 //! tube    = join of f_i over its feet, by the tube's overlap rule

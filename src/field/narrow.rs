@@ -247,7 +247,7 @@ impl Field {
         let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
 
         let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
-        let cut = tube.caps != Caps::Round;
+        let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
         let [starts, ends] = interval.t.map(|t| stands(segment_of(tube, segment), t));
@@ -458,7 +458,10 @@ fn touch(tube: &Tube, end: (usize, f64), next: (usize, f64)) -> bool {
     if end.0 == next.0 {
         return next.1 <= end.1;
     }
-    end.0 + 1 == next.0 && end.1 >= 1.0 && next.1 <= 0.0 && tube.curve.turn(end.0) <= CORNER
+    tube.curve.after(end.0) == Some(next.0)
+        && end.1 >= 1.0
+        && next.1 <= 0.0
+        && tube.curve.turn(end.0) <= CORNER
 }
 
 /// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.

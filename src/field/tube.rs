@@ -215,10 +215,12 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
             points.push(Point { section, kind: PointKind::End(outward) });
         }
     }
-    for joint in 0..last {
-        if axis.curve.turn(joint) > CORNER {
+    for joint in 0..=last {
+        if let Some(after) = axis.curve.after(joint)
+            && axis.curve.turn(joint) > CORNER
+        {
             let section = axis.section(joint, 1.0);
-            let next = axis.section(joint + 1, 0.0).tangent;
+            let next = axis.section(after, 0.0).tangent;
             points.push(Point { section, kind: PointKind::Corner(next) });
         }
     }

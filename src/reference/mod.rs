@@ -20,6 +20,7 @@
 //! - a cusp or fold inside a segment is a corner of half a turn. There, and where a segment comes straight
 //!   back on the one before it, `T1 x T2` has no direction; instead it is the normal of a cusp's plane, else
 //!   the frame's normal;
+//! - on a closed curve the last stretch is before the first in all of this;
 //! - the corner's frame is that at the end of the first segment, Frenet's too;
 //! - with round caps the end is a foot of every point beyond its normal plane, whatever else is nearer.
 
@@ -171,7 +172,7 @@ impl Bent {
         let vector = |v: &glam::DVec3| Vector3::new(v.x, v.y, v.z);
         let segments: Vec<_> =
             tube.curve.segments().iter().map(|segment| segment.power().each_ref().map(vector)).collect();
-        let axis = Axis::new(&segments, tube.frame);
+        let axis = Axis::new(&segments, tube.frame, tube.curve.is_closed());
         Bent { tube: tube.clone(), axis, radius: Radius::new(&tube.radius), widened }
     }
 
@@ -182,7 +183,12 @@ impl Bent {
         for place in self.places(p, Some(reach)) {
             let Some(at) = self.cylindrical(&place, time).filter(|at| at.q() <= 1.0) else { continue };
             // A foot on a joint is listed from both sides.
-            if voices.iter().any(|(arc, _)| (arc - place.arc).abs() < 1e-9 * self.axis.length()) {
+            let length = self.axis.length();
+            let apart = |arc: f64| {
+                let apart = (arc - place.arc).abs();
+                if self.tube.curve.is_closed() { apart.min(length - apart) } else { apart }
+            };
+            if voices.iter().any(|(arc, _)| apart(*arc) < 1e-9 * length) {
                 continue;
             }
             let fade = smoothstep(0.0, 0.2, at.focal);

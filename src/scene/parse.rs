@@ -1,10 +1,12 @@
 //! A whole scene: its top level, `[bake]` and `[time]`.
 
+use std::io;
 use std::path::Path;
 
 use toml::de::DeTable;
 
-use super::error::{Fault, Faults, SceneErrors};
+use super::error::{Fault, Faults, SceneErrors, Warnings};
+use super::input::{Inputs, Load};
 use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
 use super::reader::{Item, Reader, Words};
 use super::{Bake, Overlap, Scene, Step, TimeBase, limit, syntax, tube, view};
@@ -21,28 +23,44 @@ static GRIDS: Words<()> = Words {
 };
 
 impl Scene {
-    /// Reads a scene from TOML text. `origin` is the name of its file: messages show it, and its stem names a scene
+    /// Reads a scene from TOML text that names no files. `origin` is the name of its file: messages show it, and its stem names a scene
     /// that does not name itself. A byte order mark is passed over.
     ///
     /// # Errors
     ///
     /// All faults of the text at once, each with its line and column.
     pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneErrors> {
+        let unread = "this text is read without its files";
+        Scene::load(text, origin, &|_| Err(io::Error::new(io::ErrorKind::Unsupported, unread)))
+    }
+
+    /// Reads a scene from TOML text, and the files that it names by `load`, each once. The rest is as for
+    /// [`Scene::parse`].
+    ///
+    /// # Errors
+    ///
+    /// All faults of the text at once; those of a file, of which only the first is told, at the place of its name.
+    pub fn load(text: &str, origin: &str, load: &Load<'_>) -> Result<Scene, SceneErrors> {
+        let inputs = Inputs::new(load);
         let body = text.strip_prefix('\u{feff}').unwrap_or(text);
         let (document, errors) = DeTable::parse_recoverable(body);
         let faults = Faults::default();
         let root = Reader::new(document.get_ref(), document.span(), &ROOT, &faults);
-        let scene = Scene {
+        let mut scene = Scene {
             name: root.get("name").and_then(name).unwrap_or_else(|| stem(origin)),
             bake: bake(&root),
             time: time(&root),
             overlap: root.word("overlap", &tube::OVERLAP).unwrap_or(Overlap::Max),
-            tubes: tube::tubes(&root.tables("tube", &TUBE)),
+            tubes: tube::tubes(&root.tables("tube", &TUBE), &inputs),
             medium: view::medium(root.table("medium", &MEDIUM)),
             camera: view::camera(&root),
             lights: root.tables("light", &LIGHT).iter().map(view::light).collect(),
             text: text.to_owned(),
+            inputs: vec![],
+            warnings: Warnings::default(),
         };
+        scene.inputs = inputs.into_list();
+        scene.warnings = faults.take_warnings(origin, body);
         syntax::report(body, document.get_ref(), &errors, &faults);
         faults.into_errors(origin, body).map_or(Ok(scene), Err)
     }

@@ -46,6 +46,11 @@ impl<'a> Reader<'a> {
         self.faults.report(fault);
     }
 
+    /// Keeps what is no fault, but hardly meant.
+    pub(super) fn warn(&self, warning: Fault) {
+        self.faults.warn(warning);
+    }
+
     /// The value of a key, where it is given.
     pub(super) fn get(&self, key: &'static str) -> Option<Item<'a>> {
         self.table.get(key).map(|value| Item { key, value, faults: self.faults })
@@ -110,6 +115,10 @@ impl<'a> Item<'a> {
 
     pub(super) fn is_text(&self) -> bool {
         self.value.get_ref().is_str()
+    }
+
+    pub(super) fn is_table(&self) -> bool {
+        self.value.get_ref().is_table()
     }
 
     pub(super) fn is_number(&self) -> bool {

@@ -1,7 +1,7 @@
 //! What valid texts mean.
 
 use crate::curve::{FrameRule, Profile};
-use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ROOT, SECTIONS};
+use crate::scene::keys::{CURVE, ENVELOPE, LAYER, RADIUS, REST, ROOT, SECTIONS};
 use crate::scene::{Camera, Caps, Conserve, Fbm, Light, Op, Overlap, Pattern, Radial, Scene, Step, TimeBase};
 
 const SKETCH: &str = r#"
@@ -212,7 +212,7 @@ fn every_listed_key_is_read() {
             let wrong = format!("{key} = 1979-05-27\n");
             let text = match section.name {
                 name if name == ROOT.name => wrong,
-                name if name == CURVE.name || name == ENVELOPE.name => {
+                name if [&CURVE, &RADIUS, &ENVELOPE, &REST].iter().any(|section| section.name == name) => {
                     format!("[[tube]]\n[tube.{name}]\n{wrong}")
                 }
                 name if name == LAYER.name => format!("[[tube]]\n{name}\n{wrong}"),
