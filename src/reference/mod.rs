@@ -51,7 +51,6 @@ const VANISHED: f64 = 1e-6;
 #[derive(Debug, Clone)]
 pub struct Reference {
     tubes: Vec<Bent>,
-    time: f64,
     /// Edge of a voxel in metres, where octaves fade.
     voxel_size: Option<f64>,
 }
@@ -102,12 +101,12 @@ impl Cylindrical {
 }
 
 impl Reference {
-    /// The scene at `time` in seconds.
+    /// The scene as it is at its time.
     ///
     /// With a voxel size in metres, octaves fade as the scene's settings say; without one, none does.
-    pub fn new(scene: &Scene, time: f64, voxel_size: Option<f64>) -> Reference {
+    pub fn new(scene: &Scene, voxel_size: Option<f64>) -> Reference {
         let tubes = scene.tubes.iter().map(Bent::new).collect();
-        Reference { tubes, time, voxel_size: voxel_size.filter(|_| scene.bake.octave_fade) }
+        Reference { tubes, voxel_size: voxel_size.filter(|_| scene.bake.octave_fade) }
     }
 
     /// The density at a world point, metres.
@@ -115,10 +114,10 @@ impl Reference {
         let mut density = 0.0_f64;
         for bent in &self.tubes {
             for place in bent.places(p, Some(SLACK * bent.radius.largest())) {
-                if let Some(at) = bent.cylindrical(&place, self.time)
+                if let Some(at) = bent.cylindrical(&place)
                     && at.q() <= 1.0
                 {
-                    density = density.max(bent.contribution(&at, self.time, self.voxel_size));
+                    density = density.max(bent.contribution(&at, self.voxel_size));
                 }
             }
         }
@@ -146,7 +145,7 @@ impl Reference {
     /// If there is no such tube.
     pub fn cylinder(&self, tube: usize, p: [f64; 3]) -> Vec<Cylindrical> {
         let bent = &self.tubes[tube];
-        bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place, self.time)).collect()
+        bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place)).collect()
     }
 
     /// Arc length of the axis of tube number `tube`, metres.
@@ -173,13 +172,13 @@ impl Bent {
     }
 
     /// None where the tube has no radius.
-    fn cylindrical(&self, place: &Place, time: f64) -> Option<Cylindrical> {
+    fn cylindrical(&self, place: &Place) -> Option<Cylindrical> {
         let fraction = place.arc / self.axis.length();
         let radius = self.radius.at(fraction);
         if radius <= 0.0 || radius < VANISHED * self.radius.largest() {
             return None;
         }
-        let turns = self.tube.twist * fraction + self.tube.spin * time;
+        let turns = self.tube.twist * fraction + self.tube.turned;
         let phi = TAU * (turns - turns.floor());
         let (sin, cos) = (libm::sin(phi), libm::cos(phi));
         let (n, b) = (place.arm.dot(&place.frame.normal), place.arm.dot(&place.frame.binormal));
@@ -195,7 +194,7 @@ impl Bent {
         })
     }
 
-    fn contribution(&self, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn contribution(&self, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let focal = smoothstep(0.0, 0.2, at.focal);
         let radial = match self.tube.radial {
@@ -210,7 +209,7 @@ impl Bent {
         };
         let mut value = 1.0;
         for layer in &self.tube.layers {
-            let term = self.term(layer, at, time, voxel_size);
+            let term = self.term(layer, at, voxel_size);
             value = match layer.op {
                 Op::Multiply => value * term,
                 Op::Add => value + term,
@@ -221,13 +220,13 @@ impl Bent {
         focal * radial * axial * value
     }
 
-    fn term(&self, layer: &Layer, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn term(&self, layer: &Layer, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let pattern = match &layer.pattern {
             Pattern::Constant(value) => *value,
             Pattern::Sectors => f64::from(at.u * at.v > 0.0),
             Pattern::Perlin(noise) => {
                 let cells = voxel_size.map(|h| h * self.rate(noise.frequency, at));
-                fbm(noise, [at.u, at.v, at.l], time, cells)
+                fbm(noise, [at.u, at.v, at.l], cells)
             }
         };
         layer.multiplier * layer.threshold.map_or(pattern, |threshold| (pattern - threshold).max(0.0))

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::error::Fault;
-use super::limit;
+use super::motion;
 use super::reader::{Item, Reader, Words};
 use crate::curve::{Curve, CurveError, FrameRule, Segment};
 
@@ -88,8 +88,8 @@ fn unusable(error: CurveError, item: &Item<'_>, step: usize) -> Fault {
 
 fn points(item: &Item<'_>) -> Option<Vec<DVec3>> {
     let items = item.array("an array of points [x, y, z]")?;
-    let points: Vec<_> = items.iter().map(|point| point.numbers(&limit::ANY, "a point [x, y, z]")).collect();
-    points.into_iter().map(|point| point.map(DVec3::from_array)).collect()
+    let points: Vec<_> = items.iter().map(motion::point).collect();
+    points.into_iter().collect()
 }
 
 /// Reports a number of points that no chain has.

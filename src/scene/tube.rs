@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::error::Fault;
 use super::keys::{CURVE, ENVELOPE, LAYER, REST};
+use super::motion::Rate;
 use super::reader::{Item, Reader, Words};
 use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, axis, layer, limit};
 use crate::curve::{Curve, FrameRule, Profile, ProfileError};
@@ -56,7 +57,9 @@ static RADIAL: Words<Radial> = Words {
 };
 
 /// All tubes, those without a name named by their number. Those without a valid curve are left out.
-pub(super) fn tubes(tables: &[Reader<'_>]) -> Vec<Tube> {
+///
+/// `known` are all of them at another time, where that has been read.
+pub(super) fn tubes(tables: &[Reader<'_>], known: Option<&[Tube]>) -> Vec<Tube> {
     let mut taken = BTreeMap::new();
     let names: Vec<_> = tables.iter().map(|table| name(table, &mut taken)).collect();
     let mut number = 0;
@@ -72,7 +75,8 @@ pub(super) fn tubes(tables: &[Reader<'_>]) -> Vec<Tube> {
             },
             str::to_owned,
         );
-        named.extend(tube(table, name));
+        let rest = known.and_then(|tubes| tubes.get(index)).map(|tube| tube.rest);
+        named.extend(tube(table, name, rest));
     }
     named
 }
@@ -93,7 +97,8 @@ fn name<'a>(table: &Reader<'a>, taken: &mut BTreeMap<&'a str, Item<'a>>) -> Opti
     Some(name)
 }
 
-fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
+/// A tube that does not say what it is at rest is at rest as `known`, or else as it is now.
+fn tube(table: &Reader<'_>, name: String, known: Option<Rest>) -> Option<Tube> {
     let conserve = table.word("conserve", &CONSERVE).unwrap_or(Conserve::Off);
     let overlap = table.word("overlap", &OVERLAP).unwrap_or(Overlap::Max);
     let rest = table.table("rest", &REST);
@@ -104,7 +109,7 @@ fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
     let (caps, radial) = envelope(table);
     let layers = layer::layers(&table.tables("layer", &LAYER));
     let twist = table.number("twist", &limit::ANY).unwrap_or(0.0);
-    let spin = table.number("spin", &limit::ANY).unwrap_or(0.0);
+    let spin = table.rate("spin", &limit::ANY).unwrap_or(Rate { now: 0.0, sum: 0.0 });
     let stretch = table.boolean("stretch").unwrap_or(true);
     // Only when all keys are read may a tube without a curve be given up.
     let curve = curve?;
@@ -112,15 +117,16 @@ fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
         Profile::constant(RADIUS * curve.length()).expect("a part of a curve's length is a radius")
     });
     let rest = Rest {
-        radius: rest[0].unwrap_or_else(|| radius.rms()),
-        length: rest[1].unwrap_or_else(|| curve.length()),
+        radius: rest[0].or(known.map(|rest| rest.radius)).unwrap_or_else(|| radius.rms()),
+        length: rest[1].or(known.map(|rest| rest.length)).unwrap_or_else(|| curve.length()),
     };
     Some(Tube {
         name,
         curve,
         radius,
         twist,
-        spin,
+        spin: spin.now,
+        turned: spin.sum,
         stretch,
         frame,
         caps,

@@ -4,3 +4,4 @@
 mod hostile;
 mod meaning;
 mod messages;
+mod time;
