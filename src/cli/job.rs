@@ -118,7 +118,8 @@ impl Compiled {
     pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
         let scene = read_scene(path)?;
         let time = options.time.unwrap_or(0.0);
-        let mut field = Field::compile(&scene, time);
+        let scene = scene.at(time)?;
+        let mut field = Field::compile(&scene);
         let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
         let step = match (options.voxel_size, options.resolution) {
             (Some(size), _) => Step::VoxelSize(size),

@@ -65,8 +65,10 @@ impl Recipe {
         inputs: &[Input],
         settings: &Settings,
     ) -> Result<Recipe, serde_json::Error> {
-        let files: Vec<File> =
-            inputs.iter().map(|Input { path, sha256 }| File { path, sha256: hexadecimal(sha256) }).collect();
+        let files: Vec<File> = inputs
+            .iter()
+            .map(|Input { path, sha256, .. }| File { path, sha256: hexadecimal(sha256) })
+            .collect();
         let inputs = if files.is_empty() { None } else { Some(serde_json::to_string(&files)?) };
         Ok(Recipe { scene: scene.to_owned(), settings: serde_json::to_string(settings)?, inputs })
     }
@@ -138,7 +140,8 @@ mod tests {
 
     #[test]
     fn other_files_belong_to_the_recipe() {
-        let input = |path: &str, byte| Input { path: path.to_owned(), sha256: [byte; 32] };
+        let input =
+            |path: &str, byte| Input { path: path.to_owned(), sha256: [byte; 32], bytes: [byte].into() };
         let recipe = |inputs: &[Input]| Recipe::new("", inputs, &settings()).expect("settings");
         let one = recipe(&[input("a \"b\".csv", 10)]);
         let expected = format!(r#"[{{"path":"a \"b\".csv","sha256":"{}"}}]"#, "0a".repeat(32));

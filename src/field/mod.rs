@@ -7,7 +7,7 @@
 //! frame there (curve module), s its arc length, L the length of the whole curve and r the radius at s / L:
 //!
 //! ```text
-//! phi = 2 pi (twist s / L + spin time)
+//! phi = 2 pi (twist s / L + turned)       turned: spin, added up from the start frame to the scene's time
 //! U   =  N cos(phi) + B sin(phi)          V = -N sin(phi) + B cos(phi)
 //! u   = (p - C) . U / r                   v = (p - C) . V / r
 //! l   = s / L where the scene says stretch, else s
@@ -134,9 +134,9 @@ pub struct Field {
 }
 
 impl Field {
-    /// Compiles the scene as it is `time` seconds after its start frame. Stages that it does not use are left out.
-    pub fn compile(scene: &Scene, time: f64) -> Field {
-        let tubes = scene.tubes().iter().map(|tube| Tube::compile(tube, time)).collect();
+    /// Compiles the scene as it is at its time. Stages that it does not use are left out.
+    pub fn compile(scene: &Scene) -> Field {
+        let tubes = scene.tubes().iter().map(Tube::compile).collect();
         let bake = scene.bake();
         Field { tubes, overlap: scene.overlap(), octave_fade: bake.octave_fade, widen: bake.widen }
     }

@@ -92,9 +92,8 @@ pub(crate) struct Octave {
 }
 
 impl Tube {
-    pub(crate) fn compile(tube: &scene::Tube, time: f64) -> Tube {
-        let spin = tube.spin * time;
-        let turns = [spin - (spin + 0.5).floor(), tube.twist / tube.curve.length()];
+    pub(crate) fn compile(tube: &scene::Tube) -> Tube {
+        let turns = [tube.turned - (tube.turned + 0.5).floor(), tube.twist / tube.curve.length()];
         let is_turned = turns != [0.0; 2] && tube.layers.iter().any(|layer| !is_round(&layer.pattern));
         let lengthened = if tube.stretch { tube.rest.length / tube.curve.length() } else { 1.0 };
         let mut tube = Tube {
@@ -109,7 +108,7 @@ impl Tube {
             conserved: (tube.conserve != Conserve::Off)
                 .then_some(tube.rest.radius * tube.rest.radius * lengthened),
             overlap: tube.overlap,
-            layers: tube.layers.iter().map(|layer| compile_layer(layer, time)).collect(),
+            layers: tube.layers.iter().map(compile_layer).collect(),
             stretch: tube.stretch,
             turns: is_turned.then_some(turns),
             twist_rate: TAU * turns[1],
@@ -243,23 +242,23 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
     points
 }
 
-fn compile_layer(layer: &scene::Layer, time: f64) -> Layer {
+fn compile_layer(layer: &scene::Layer) -> Layer {
     let kind = match &layer.pattern {
         Pattern::Constant(value) => LayerKind::Constant(*value),
         Pattern::Sectors => LayerKind::Sectors,
-        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm, time)),
+        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm)),
     };
     Layer { op: layer.op, kind, threshold: layer.threshold, multiplier: layer.multiplier }
 }
 
-fn compile_fractal(fbm: &scene::Fbm, time: f64) -> Fractal {
+fn compile_fractal(fbm: &scene::Fbm) -> Fractal {
     let mut octaves = Vec::new();
     let mut skipped = fbm.octaves;
     let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
     for index in 0..fbm.octaves {
         let frequency = fbm.frequency.map(|f| f * scale);
         let offset = octave_offset(fbm.seed, index);
-        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scroll[i] * scale * time);
+        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scrolled[i] * scale);
         if amplitude > 0.0 && frequency[0].max(frequency[1]) <= FINEST {
             skipped -= 1;
             octaves.push(Octave { index, frequency, origin, seed: octave_seed(fbm.seed, index), amplitude });

@@ -52,7 +52,6 @@ const VANISHED: f64 = 1e-6;
 #[derive(Debug, Clone)]
 pub struct Reference {
     tubes: Vec<Bent>,
-    time: f64,
     /// Edge of a voxel in metres, where octaves fade.
     voxel_size: Option<f64>,
     overlap: Overlap,
@@ -115,21 +114,21 @@ impl Cylindrical {
 }
 
 impl Reference {
-    /// The scene at `time` in seconds.
+    /// The scene as it is at its time.
     ///
     /// With a voxel size in metres, octaves fade and thin tubes are widened as the scene's settings say; without one,
     /// none.
-    pub fn new(scene: &Scene, time: f64, voxel_size: Option<f64>) -> Reference {
+    pub fn new(scene: &Scene, voxel_size: Option<f64>) -> Reference {
         let widened = voxel_size.filter(|_| scene.bake.widen);
         let tubes = scene.tubes.iter().map(|tube| Bent::new(tube, widened)).collect();
         let voxel_size = voxel_size.filter(|_| scene.bake.octave_fade);
-        Reference { tubes, time, voxel_size, overlap: scene.overlap }
+        Reference { tubes, voxel_size, overlap: scene.overlap }
     }
 
     /// The density at a world point, metres.
     pub fn density(&self, p: [f64; 3]) -> f64 {
         let voices: Vec<Voice> =
-            self.tubes.iter().filter_map(|bent| bent.voice(p, self.time, self.voxel_size)).collect();
+            self.tubes.iter().filter_map(|bent| bent.voice(p, self.voxel_size)).collect();
         join(self.overlap, &voices).map_or(0.0, |voice| voice.density.max(0.0))
     }
 
@@ -154,7 +153,7 @@ impl Reference {
     /// If there is no such tube.
     pub fn cylinder(&self, tube: usize, p: [f64; 3]) -> Vec<Cylindrical> {
         let bent = &self.tubes[tube];
-        bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place, self.time)).collect()
+        bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place)).collect()
     }
 
     /// Arc length of the axis of tube number `tube`, metres.
@@ -177,11 +176,11 @@ impl Bent {
     }
 
     /// All feet of a point together; none where no foot counts.
-    fn voice(&self, p: [f64; 3], time: f64, voxel_size: Option<f64>) -> Option<Voice> {
+    fn voice(&self, p: [f64; 3], voxel_size: Option<f64>) -> Option<Voice> {
         let mut voices: Vec<(f64, Voice)> = Vec::new();
         let reach = SLACK * self.wide(self.radius.largest());
         for place in self.places(p, Some(reach)) {
-            let Some(at) = self.cylindrical(&place, time).filter(|at| at.q() <= 1.0) else { continue };
+            let Some(at) = self.cylindrical(&place).filter(|at| at.q() <= 1.0) else { continue };
             // A foot on a joint is listed from both sides.
             let length = self.axis.length();
             let apart = |arc: f64| {
@@ -192,7 +191,7 @@ impl Bent {
                 continue;
             }
             let fade = smoothstep(0.0, 0.2, at.focal);
-            let unfaded = self.gain(&at) * self.contribution(&at, time, voxel_size);
+            let unfaded = self.gain(&at) * self.contribution(&at, voxel_size);
             let density = if self.tube.overlap == Overlap::Closest { unfaded } else { fade * unfaded };
             let rim = 1.0 - at.q().sqrt();
             voices.push((
@@ -231,14 +230,14 @@ impl Bent {
     }
 
     /// None where the tube has no radius.
-    fn cylindrical(&self, place: &Place, time: f64) -> Option<Cylindrical> {
+    fn cylindrical(&self, place: &Place) -> Option<Cylindrical> {
         let fraction = place.arc / self.axis.length();
         let own = self.radius.at(fraction);
         if own <= 0.0 || own < VANISHED * self.radius.largest() {
             return None;
         }
         let radius = self.wide(own);
-        let turns = self.tube.twist * fraction + self.tube.spin * time;
+        let turns = self.tube.twist * fraction + self.tube.turned;
         let phi = TAU * (turns - turns.floor());
         let (sin, cos) = (libm::sin(phi), libm::cos(phi));
         let (n, b) = (place.arm.dot(&place.frame.normal), place.arm.dot(&place.frame.binormal));
@@ -254,7 +253,7 @@ impl Bent {
         })
     }
 
-    fn contribution(&self, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn contribution(&self, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let radial = match self.tube.radial {
             Radial::Smooth => (1.0 - distance * distance) * (1.0 - distance * distance),
@@ -268,7 +267,7 @@ impl Bent {
         };
         let mut value = 1.0;
         for layer in &self.tube.layers {
-            let term = self.term(layer, at, time, voxel_size);
+            let term = self.term(layer, at, voxel_size);
             value = match layer.op {
                 Op::Multiply => value * term,
                 Op::Add => value + term,
@@ -279,13 +278,13 @@ impl Bent {
         radial * axial * value
     }
 
-    fn term(&self, layer: &Layer, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn term(&self, layer: &Layer, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let pattern = match &layer.pattern {
             Pattern::Constant(value) => *value,
             Pattern::Sectors => f64::from(at.u * at.v > 0.0),
             Pattern::Perlin(noise) => {
                 let cells = voxel_size.map(|h| h * self.rate(noise.frequency, at));
-                fbm(noise, [at.u, at.v, at.l], time, cells)
+                fbm(noise, [at.u, at.v, at.l], cells)
             }
         };
         layer.multiplier * layer.threshold.map_or(pattern, |threshold| (pattern - threshold).max(0.0))

@@ -129,11 +129,11 @@ fn the_closest_foot_agrees_with_the_reference_but_where_two_are_equally_far() {
             text += &format!("[[tube]]\noverlap = \"{within}\"\n{tube}{LAYER}");
         }
         let scene = scene(&text);
-        let field = Field::compile(&scene, 0.0);
+        let field = Field::compile(&scene);
         let lattice = Lattice { voxel_size: 0.04 };
         let points = centres(&field, lattice);
         let found = density_at(&field, lattice, &points, Level::best(), 1 << 30).expect("a small plan");
-        let reference = Reference::new(&scene, 0.0, Some(lattice.voxel_size));
+        let reference = Reference::new(&scene, Some(lattice.voxel_size));
         let compared: Vec<(f64, f64)> = points
             .par_iter()
             .zip(&found)
@@ -179,13 +179,13 @@ fn voxels_with_several_feet_and_beyond_the_focal_set_are_counted() {
             let text =
                 format!("[[tube]]\n{tube}\nradius = {radius}\ncaps = \"flat\"\noverlap = \"{overlap}\"\n");
             let scene = scene(&text);
-            let field = Field::compile(&scene, 0.0);
+            let field = Field::compile(&scene);
             let lattice = Lattice { voxel_size: 0.03 };
             let plan = Plan::new(&field, lattice, 1 << 30).expect("a small plan");
             let Ok((tally, _)) = bake(&field, &plan, 0.0, Level::best(), &mut Store::default(), |_| ());
             // The rule has no say in where feet are.
             let (several, beyond) = *truth.get_or_insert_with(|| {
-                let reference = Reference::new(&scene, 0.0, None);
+                let reference = Reference::new(&scene, None);
                 let segment = &scene.tubes()[0].curve.segments()[0];
                 let points = centres(&field, lattice);
                 let several =

@@ -184,7 +184,7 @@ fn form(path: &Path) -> Result<Form, Failure> {
 fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let Compiled { scene, field, lattice, time, .. } = Compiled::new(&arguments.file, &arguments.scene)?;
     let (samples, method) = if arguments.exact {
-        let reference = Reference::new(&scene, time, Some(lattice.voxel_size));
+        let reference = Reference::new(&scene, Some(lattice.voxel_size));
         (Samples::by_reference(&reference, points), "reference")
     } else {
         let budget = arguments.scene.budget().bytes();
