@@ -74,6 +74,7 @@ mod explain;
 pub mod kernel;
 mod narrow;
 mod region;
+pub mod rest;
 mod span;
 mod tube;
 
