@@ -80,6 +80,7 @@ pub mod kernel;
 mod narrow;
 mod radius;
 mod region;
+pub mod rest;
 mod span;
 mod tube;
 
