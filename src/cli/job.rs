@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::memory::{self, Amount};
-use super::recipe::{Recipe, Settings, compression_name, precision_name};
+use super::recipe::{Recipe, Settings, antialias_name, compression_name, precision_name};
 use super::{Failure, text};
 use crate::field::Field;
 use crate::formats::vdb::{
@@ -171,6 +171,7 @@ impl Job {
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
             widen: scene.bake().widen,
+            antialias: antialias_name(scene.bake().antialias),
         };
         let budget = options.scene.budget();
         Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident: memory::resident() })

@@ -74,6 +74,7 @@
 //! [`kernel`] then works through all voxels of the block.
 
 mod cover;
+mod edges;
 mod explain;
 mod join;
 pub mod kernel;
@@ -90,7 +91,7 @@ pub use cover::Capsule;
 pub use narrow::Candidate;
 pub use region::Region;
 
-use crate::scene::{Overlap, Scene};
+use crate::scene::{Antialias, Overlap, Scene};
 use tube::Tube;
 
 /// The cubic arrangement of voxels: voxel i along an axis is the cell from `i h` to `(i + 1) h` and its sample is the
@@ -132,6 +133,7 @@ pub struct Field {
     overlap: Overlap,
     octave_fade: bool,
     widen: bool,
+    antialias: Antialias,
 }
 
 impl Field {
@@ -139,7 +141,13 @@ impl Field {
     pub fn compile(scene: &Scene) -> Field {
         let tubes = scene.tubes().iter().map(Tube::compile).collect();
         let bake = scene.bake();
-        Field { tubes, overlap: scene.overlap(), octave_fade: bake.octave_fade, widen: bake.widen }
+        Field {
+            tubes,
+            overlap: scene.overlap(),
+            octave_fade: bake.octave_fade,
+            widen: bake.widen,
+            antialias: bake.antialias,
+        }
     }
 
     /// Widens what is too thin for a lattice, where the scene says so. Without this the field is that of an endlessly fine

@@ -1,9 +1,27 @@
 //! Evaluation of a plan.
+//!
+//! # What a voxel stores
+//!
+//! A voxel stores the density at the centre of its cell, for which [`field`](crate::field) has the definition. Where an
+//! edge passes through the cell and the scene has `antialias = "adaptive"`, it stores the mean density over the cell
+//! instead: over 32 places, the rank-1 lattice of [`place`](super::antialias::place).
+//!
+//! Which cells those are is found in two steps. An edge may pass through a brick if a bound in double precision cannot
+//! exclude it (`field::edges`); bricks without are evaluated as if nothing were anti-aliased. In the others the field's
+//! *outline* is evaluated at the corners of all cells: the density without its layers, but with 1 added for every sector
+//! layer where that is 1, and feet and tubes joined by sum. A cell counts if the outline differs between its corners by more
+//! than 1/8 of the largest at any corner of the brick; or if it is 0 at all corners, and the density at the centre is not;
+//! or if a tube thinner than 0.9 voxels comes near the brick.
+//!
+//! So a mean is kept where the density ends, and mass with it; a voxel may be active whose centre is outside. A cell from
+//! which the edge takes less than its corners can show, the segment of a circle, is left to its centre: of a tube four voxels
+//! thick that is less than 1/24 of the cell.
 
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
+use super::antialias::Antialias;
 use super::dispatch::{activate, evaluate_block};
 use super::{Brick, Plan, Sink, Total};
 use crate::field::kernel::{Counts, Places, Scratch};
@@ -33,13 +51,15 @@ pub struct Tally {
     pub bricks: u64,
     /// Active voxels.
     pub active_voxels: u64,
-    /// Lanes that entered the search for feet.
+    /// Voxels that store a mean over their cell.
+    pub antialiased_voxels: u64,
+    /// Lanes that entered the search for feet: voxels' centres, and other places of cells that may hold an edge.
     pub searched_voxels: u64,
     /// Lanes of these that went through bisection: near cusps and folds, and where axes meet.
     pub bisected_voxels: u64,
     /// Active voxels whose density was beyond the range of the sink's [`Precision`](super::Precision), and was clamped.
     pub clamped_voxels: u64,
-    /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
+    /// Voxels whose centres are inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
     /// Voxels with several feet on one axis.
     pub several_feet_voxels: u64,
@@ -86,6 +106,7 @@ pub fn bake<S: Sink>(
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
             tally.clamped_voxels += done.clamped;
+            tally.antialiased_voxels += done.antialiased;
             tally.searched_voxels += done.counts.searched;
             tally.bisected_voxels += done.counts.bisected;
             tally.inside_voxels += done.counts.inside;
@@ -119,6 +140,7 @@ struct Done<Run> {
     /// Brick by brick: the order of the sum must not depend on how bricks are put in runs.
     totals: Vec<Total>,
     active: u64,
+    antialiased: u64,
     clamped: u64,
     counts: Counts,
     evaluate: f64,
@@ -130,6 +152,7 @@ struct Done<Run> {
 struct Worker {
     region: Region<f32>,
     scratch: Scratch<f32>,
+    antialias: Antialias,
     /// The run's active bricks.
     bricks: Vec<Brick>,
 }
@@ -149,6 +172,7 @@ impl Worker {
             digests: Vec::new(),
             totals: Vec::new(),
             active: 0,
+            antialiased: 0,
             clamped: 0,
             counts: Counts::default(),
             evaluate: 0.0,
@@ -162,8 +186,15 @@ impl Worker {
                 continue;
             }
             let mut brick = Brick { origin: plan.origin(index), mask: [0; 8], values: [0.0; VOXELS] };
-            let counts =
+            let mut counts =
                 evaluate_block(level, &self.region, Places::Centres, &mut self.scratch, &mut brick.values);
+            if plan.has_edge(index) {
+                let (cells, taken) =
+                    self.antialias.smooth(level, &self.region, &mut self.scratch, &mut brick.values);
+                done.antialiased += cells;
+                counts.searched += taken.searched;
+                counts.bisected += taken.bisected;
+            }
             activate(level, cutoff, &mut brick);
             done.counts.add(counts);
             let active = brick.active();
