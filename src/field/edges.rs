@@ -13,8 +13,8 @@ use crate::num::Scalar;
 use crate::scene::{Antialias, Caps, Op, Overlap, Radial};
 
 /// What goes from full density to none by a smoothstep is an edge if it is narrower than this, in voxels: its slope, 3/2
-/// over its width, is then more than half of the full density a voxel.
-const NARROW: f64 = 3.0;
+/// over its width, is then more than three quarters of the full density a voxel.
+const NARROW: f64 = 2.0;
 /// A radius that changes by more than this part of itself at one place is an edge.
 const STEP: f64 = 0.05;
 /// As is one that changes by more than this part of itself within a voxel.
@@ -105,7 +105,8 @@ impl Field {
                 Some([_, turn]) => {
                     edges.sectors = Some(sectors(tube, segment_index, 0.5 * (capsule.t[0] + capsule.t[1])));
                     // From the middle, wherever it lies, to the ends.
-                    let [twist, holonomy] = [(arc[1] - arc[0]) * tube.twist_rate, (x[1] - x[0]) * tube.curve.holonomy()];
+                    let [twist, holonomy] =
+                        [(arc[1] - arc[0]) * tube.twist_rate, (x[1] - x[0]) * tube.curve.holonomy()];
                     edges.turn = turn + twist.abs() + holonomy.abs();
                 }
                 None => edges.everywhere = true,
@@ -167,9 +168,8 @@ impl Edges<'_> {
     fn sectors(&self, o: DVec3) -> bool {
         let Some(axes) = self.sectors else { return false };
         let slack = self.sagitta() + self.turn * self.radius * (1.0 + 1e-9);
-        axes.iter().any(|axis| {
-            (o - self.reach.centre).dot(*axis).abs() <= self.half_edge * support(*axis) + slack
-        })
+        axes.iter()
+            .any(|axis| (o - self.reach.centre).dot(*axis).abs() <= self.half_edge * support(*axis) + slack)
     }
 }
 
@@ -199,9 +199,7 @@ fn inner(tube: &Tube, least: f64, h: f64) -> Option<f64> {
 }
 
 fn shows_sectors(tube: &Tube) -> bool {
-    tube.layers
-        .iter()
-        .any(|layer| matches!(layer.kind, tube::LayerKind::Sectors) && layer.multiplier != 0.0)
+    tube.layers.iter().any(|layer| matches!(layer.kind, tube::LayerKind::Sectors) && layer.multiplier != 0.0)
 }
 
 /// Whether a steep fade at an end of the tube overlaps these arc lengths.
@@ -251,8 +249,9 @@ fn steps(tube: &Tube, x: f64) -> bool {
 }
 
 impl<T: Scalar> Region<T> {
-    /// Makes `outline` the same region with a density that shows nothing but edges: noise is left out, sectors are added to
-    /// 1, and everything is joined by sum, so that nothing hides behind anything else.
+    /// Makes `outline` the same region with a density that shows nothing but edges: noise is left out, and everything is
+    /// joined by sum, so that nothing hides behind anything else. Where all layers are factors so are sectors; else they
+    /// are added to 1, whatever the scene does with them.
     pub(crate) fn outline(&self, outline: &mut Region<T>) {
         outline.tubes.clone_from(&self.tubes);
         outline.pieces.clone_from(&self.pieces);
@@ -261,14 +260,14 @@ impl<T: Scalar> Region<T> {
         outline.octaves.clear();
         for piece in &mut outline.pieces {
             let first = outline.layers.len();
-            let one = T::from_f64(1.0);
-            let sectors = |layer: &&Layer<T>| matches!(layer.kind, LayerKind::Sectors);
-            for _ in self.layers[piece.layers[0]..piece.layers[1]].iter().filter(sectors) {
-                outline.layers.push(Layer {
-                    op: Op::Add,
-                    kind: LayerKind::Sectors,
-                    threshold: None,
-                    multiplier: one,
+            let layers = &self.layers[piece.layers[0]..piece.layers[1]];
+            let are_factors = layers.iter().all(|layer| layer.op == Op::Multiply);
+            for layer in layers.iter().filter(|layer| matches!(layer.kind, LayerKind::Sectors)) {
+                outline.layers.push(if are_factors {
+                    layer.clone()
+                } else {
+                    let multiplier = T::from_f64(1.0);
+                    Layer { op: Op::Add, threshold: None, multiplier, ..layer.clone() }
                 });
             }
             piece.layers = [first, outline.layers.len()];

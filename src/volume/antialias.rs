@@ -11,8 +11,10 @@ pub(super) const PLACES: usize = 32;
 const CELLS: usize = VOXELS / PLACES;
 /// Corners of a brick's cells along an edge of the brick.
 const CORNERS: usize = EDGE + 1;
-/// An edge passes through a cell where its corners differ by more than this part of the brick's largest.
-const DIFFERENCE: f32 = 0.125;
+const NODES: usize = CORNERS * CORNERS * CORNERS;
+/// An edge passes through a cell where its centre differs from the mean of its corners by more than this part of the brick's
+/// largest value. Behind a single corner of eight an edge is seen.
+const DIFFERENCE: f32 = 0.08;
 
 /// The places in a cell, from its centre, in voxels: a rank-1 lattice, place i at `((2 i + 1) g mod 64) / 64` with
 /// g = (1, 7, 11).
@@ -32,10 +34,15 @@ type Positions = [[f32; VOXELS]; 3];
 /// One thread's memory.
 pub(super) struct Antialias {
     outline: Region<f32>,
+    /// Places in a cell.
+    places: [[f32; PLACES]; 3],
+    /// Corners of a brick's cells, z fastest; the last ones repeat.
+    nodes: Vec<Positions>,
     positions: Box<Positions>,
     values: Box<[f32; VOXELS]>,
-    /// The outline at the corners of all cells, z fastest.
+    /// The outline at the corners of all cells, z fastest, and at their centres.
     corners: Vec<f32>,
+    centres: Box<[f32; VOXELS]>,
     /// Cells that an edge passes through.
     cells: Vec<usize>,
 }
@@ -44,9 +51,12 @@ impl Default for Antialias {
     fn default() -> Antialias {
         Antialias {
             outline: Region::default(),
+            places: [0, 1, 2].map(|axis| std::array::from_fn(|index| f32::from_f64(place(index)[axis]))),
+            nodes: (0..NODES).step_by(VOXELS).map(nodes).collect(),
             positions: Box::new([[0.0; VOXELS]; 3]),
             values: Box::new([0.0; VOXELS]),
             corners: Vec::new(),
+            centres: Box::new([0.0; VOXELS]),
             cells: Vec::new(),
         }
     }
@@ -63,15 +73,17 @@ impl Antialias {
         values: &mut [f32; VOXELS],
     ) -> (u64, Counts) {
         let mut counts = self.trace(level, region, scratch);
-        self.find(region.is_thin(), values);
+        self.find(region.is_thin());
         for first in (0..self.cells.len()).step_by(CELLS) {
             let cells = &self.cells[first..self.cells.len().min(first + CELLS)];
-            for index in 0..VOXELS {
-                // The last ones repeat where cells are too few.
-                let cell = cells[(index / PLACES).min(cells.len() - 1)];
-                let (centre, place) = (grid(cell, EDGE), place(index % PLACES));
-                for axis in 0..3 {
-                    self.positions[axis][index] = f32::from_f64(centre[axis] - 3.5 + place[axis]);
+            for axis in 0..3 {
+                // Where cells are too few the last one repeats: what is evaluated together must follow from the brick alone.
+                let places = self.positions[axis].chunks_exact_mut(PLACES);
+                for (number, places) in places.enumerate() {
+                    let centre = grid(cells[number.min(cells.len() - 1)], EDGE)[axis] - 3.5;
+                    for (at, place) in places.iter_mut().zip(self.places[axis]) {
+                        *at = centre + place;
+                    }
                 }
             }
             let [x, y, z] = &*self.positions;
@@ -86,42 +98,34 @@ impl Antialias {
         (self.cells.len() as u64, counts)
     }
 
-    /// Evaluates the outline at the corners of all cells.
+    /// Evaluates the outline at the corners of all cells, and at their centres.
     fn trace(&mut self, level: Level, region: &Region<f32>, scratch: &mut Scratch<f32>) -> Counts {
         let mut counts = Counts::default();
         region.outline(&mut self.outline);
         self.corners.clear();
-        let all = CORNERS * CORNERS * CORNERS;
-        for first in (0..all).step_by(VOXELS) {
-            for index in 0..VOXELS {
-                let corner = grid((first + index).min(all - 1), CORNERS);
-                for axis in 0..3 {
-                    self.positions[axis][index] = f32::from_f64(corner[axis] - 4.0);
-                }
-            }
-            let [x, y, z] = &*self.positions;
+        for positions in &self.nodes {
+            let [x, y, z] = positions;
             let places = Places::Points([x, y, z]);
             counts.add(evaluate_block(level, &self.outline, places, scratch, &mut self.values));
-            self.corners.extend_from_slice(&self.values[..VOXELS.min(all - first)]);
+            self.corners.extend_from_slice(&*self.values);
         }
+        counts.add(evaluate_block(level, &self.outline, Places::Centres, scratch, &mut self.centres));
         counts
     }
 
-    /// Lists the cells whose corners tell of an edge, or all if some tube may pass between corners. `centres` holds the
-    /// density at the centres.
-    fn find(&mut self, all: bool, centres: &[f32; VOXELS]) {
+    /// Lists the cells whose corners and centre tell of an edge, or all if some tube may pass between them.
+    fn find(&mut self, all: bool) {
         self.cells.clear();
-        let peak = self.corners.iter().fold(0.0_f32, |most, &value| most.max(value));
-        for (cell, &centre) in centres.iter().enumerate() {
+        let larger = |most: f32, &value: &f32| most.max(value);
+        let peak = self.corners.iter().fold(self.centres.iter().fold(0.0, larger), larger);
+        for (cell, &centre) in self.centres.iter().enumerate() {
             let [x, y, z] = [cell / (EDGE * EDGE), cell / EDGE % EDGE, cell % EDGE];
-            let (mut low, mut high) = (f32::INFINITY, 0.0_f32);
+            let mut sum = 0.0;
             for corner in 0..8 {
                 let [x, y, z] = [x + (corner >> 2), y + (corner >> 1 & 1), z + (corner & 1)];
-                let value = self.corners[(x * CORNERS + y) * CORNERS + z];
-                low = low.min(value);
-                high = high.max(value);
+                sum += self.corners[(x * CORNERS + y) * CORNERS + z];
             }
-            if all || high - low > DIFFERENCE * peak || high == 0.0 && centre > 0.0 {
+            if all || (centre - 0.125 * sum).abs() > DIFFERENCE * peak {
                 self.cells.push(cell);
             }
         }
@@ -130,8 +134,14 @@ impl Antialias {
 
 /// Coordinates of element `index` of a cube of `edge` elements along each axis, z fastest.
 #[allow(clippy::cast_precision_loss, reason = "at most 8")]
-fn grid(index: usize, edge: usize) -> [f64; 3] {
-    [index / (edge * edge), index / edge % edge, index % edge].map(|i| i as f64)
+fn grid(index: usize, edge: usize) -> [f32; 3] {
+    [index / (edge * edge), index / edge % edge, index % edge].map(|i| i as f32)
+}
+
+/// As many corners as are evaluated at once, from number `first` on.
+fn nodes(first: usize) -> Positions {
+    let corner = |index: usize| grid((first + index).min(NODES - 1), CORNERS);
+    [0, 1, 2].map(|axis| std::array::from_fn(|index| corner(index)[axis] - 4.0))
 }
 
 #[cfg(test)]

@@ -8,10 +8,10 @@
 //!
 //! Which cells those are is found in two steps. An edge may pass through a brick if a bound in double precision cannot
 //! exclude it (`field::edges`); bricks without are evaluated as if nothing were anti-aliased. In the others the field's
-//! *outline* is evaluated at the corners of all cells: the density without its layers, but with 1 added for every sector
-//! layer where that is 1, and feet and tubes joined by sum. A cell counts if the outline differs between its corners by more
-//! than 1/8 of the largest at any corner of the brick; or if it is 0 at all corners, and the density at the centre is not;
-//! or if a tube thinner than 0.9 voxels comes near the brick.
+//! *outline* is evaluated at the corners and centres of all cells: the density without its layers, sectors apart, and with
+//! feet and tubes joined by sum. A cell counts if the outline at its centre differs from the mean of those at its corners by
+//! more than 1/20 of the largest in the brick, or if a tube thinner than 0.9 voxels comes near the brick. Where the density
+//! is smooth that difference is three times what the mean over the cell differs by from the value at its centre.
 //!
 //! So a mean is kept where the density ends, and mass with it; a voxel may be active whose centre is outside. A cell from
 //! which the edge takes less than its corners can show, the segment of a circle, is left to its centre: of a tube four voxels

@@ -154,8 +154,7 @@ impl Plan {
         contacts.par_sort_unstable();
 
         let candidates = Vec::with_capacity(count);
-        let mut plan =
-            Plan { lattice, extent, root, cover, bricks: vec![], candidates, edges: vec![] };
+        let mut plan = Plan { lattice, extent, root, cover, bricks: vec![], candidates, edges: vec![] };
         for contacts in contacts.chunk_by(|a, b| a.0 == b.0) {
             let crossed = contacts.iter().any(|contact| contact.1 & EDGE != 0);
             let first = u32::try_from(plan.candidates.len()).map_err(|_| too_many)?;
