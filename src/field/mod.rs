@@ -64,6 +64,18 @@
 //! the rate at which the pattern's coordinates change across and along the tube; bending and the slope of the radius are
 //! left out of it. A normalised sum is divided by the sum of all gain^k, faded or not.
 //!
+//! # Edges
+//!
+//! Where the density jumps, or falls so steeply that a voxel's centre cannot stand for its cell, there is an *edge*:
+//!
+//! - the surface of a hard envelope, and the outer part of a soft one that is narrower than two voxels;
+//! - a flat end; a faded one shorter than two voxels;
+//! - the planes between sectors;
+//! - where the radius jumps by more than a twentieth of itself, or changes by more than half within a voxel.
+//!
+//! Noise has none, nor have the places where one foot takes over from another. What a voxel of a bake stores beside an edge
+//! is defined with [`bake`](crate::volume::bake()); the density at a point is that above.
+//!
 //! # How it is evaluated
 //!
 //! [`Field::compile`] cuts every axis into *spans* on which the frame over the radius, and the arc length, are

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
-use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase, Warnings};
+use crate::scene::{Antialias, Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase, Warnings};
 use glam::DVec3;
 
 /// Uniform numbers in [0, 1) (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
@@ -50,7 +50,13 @@ fn tube(segments: Vec<Segment>) -> Tube {
 fn scene(tubes: Vec<Tube>) -> Scene {
     Scene {
         name: "scene".into(),
-        bake: Bake { step: Step::VoxelSize(0.1), cutoff: 0.0, octave_fade: true, widen: true },
+        bake: Bake {
+            step: Step::VoxelSize(0.1),
+            cutoff: 0.0,
+            octave_fade: true,
+            widen: true,
+            antialias: Antialias::Off,
+        },
         time: TimeBase { fps: 24.0, start: 1, end: None },
         overlap: Overlap::Max,
         tubes,

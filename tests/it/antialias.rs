@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3Swizzles};
+use serde_json::Value;
+use tempfile::tempdir;
 use vdbake::field::{Field, Lattice};
 use vdbake::num::Level;
 use vdbake::reference::Reference;
@@ -11,7 +13,7 @@ use vdbake::scene::{Antialias, Scene};
 use vdbake::volume::{Plan, Store, Tally, bake, density_at};
 
 use crate::kernel::{scene, shipped};
-use crate::support::random;
+use crate::support::{self, SOLID, random, vdbake};
 
 struct Baked {
     plan: Plan,
@@ -326,7 +328,7 @@ fn only_cells_of_the_tube_are_active() {
             let first = f64::from(voxel[i]);
             (first - at).max(at - first - 1.0).max(0.0)
         };
-        let distance = f64::hypot(near(0, 0.1), near(1, 0.2));
+        let distance = libm::hypot(near(0, 0.1), near(1, 0.2));
         assert!(distance <= radius && voxel[2] >= -1 && f64::from(voxel[2]) <= top, "{voxel:?}: {value}");
         assert!(value <= 1.0);
         outside += usize::from(off.at(voxel) == 0.0);
@@ -371,4 +373,44 @@ fn threads_do_not_matter() {
         let one = with(1);
         assert!(one == with(2) && one == with(7), "{name}");
     }
+}
+
+#[test]
+fn the_program_counts_the_voxels_and_records_the_setting() {
+    let folder = tempdir().expect("a temporary folder");
+    let bake = |text: &str| {
+        let baked =
+            support::bake(&support::write(&folder.path().join("scene.toml"), text), folder.path(), &[]);
+        let info = vdbake().arg("info").arg(&baked.path).arg("--json").output().expect("the program starts");
+        (baked.report, String::from_utf8_lossy(&info.stdout).into_owned())
+    };
+    let number = |report: &Value, key: &str| report[key].as_u64().expect("a count");
+    let (adaptive, info) = bake(SOLID);
+    assert!(info.contains(r#"\"antialias\":\"adaptive\""#), "{info}");
+    let (off, info) = bake(&SOLID.replacen("[[tube]]", "[bake]\nantialias = \"off\"\n[[tube]]", 1));
+    assert!(info.contains(r#"\"antialias\":\"off\""#), "{info}");
+    assert_ne!(adaptive["uuid"], off["uuid"]);
+    assert!(number(&adaptive, "antialiased_voxels") > 1000 && number(&off, "antialiased_voxels") == 0);
+    assert!(number(&adaptive, "active_voxels") > number(&off, "active_voxels"));
+    assert!(number(&adaptive, "searched_voxels") > number(&off, "searched_voxels"));
+    // The volume of the cylinder, 2 pi.
+    let mass = |report: &Value| (report["mass"]["baked"].as_f64().expect("a mass") / (2.0 * PI) - 1.0).abs();
+    assert!(mass(&adaptive) < 2e-4, "{} {}", mass(&adaptive), mass(&off));
+}
+
+/// All bricks of a small scene are in the sample that the estimates come from.
+#[test]
+fn plans_expect_what_is_baked() {
+    let folder = tempdir().expect("a temporary folder");
+    let scene = support::write(&folder.path().join("scene.toml"), SOLID);
+    let options = ["--resolution", "40", "--json", "--quiet"];
+    let output = vdbake().arg("plan").arg(&scene).args(options).output().expect("the program starts");
+    let plan: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    let mut bake = vdbake();
+    bake.arg("bake").arg(&scene).arg("-o").arg(folder.path().join("baked.vdb")).args(options);
+    let baked: Value =
+        serde_json::from_slice(&bake.output().expect("the program starts").stdout).expect("one JSON object");
+    assert_eq!(plan["planned_bricks"], baked["planned_bricks"]);
+    assert_eq!(plan["estimated"]["sampled_bricks"], plan["planned_bricks"]);
+    assert_eq!(plan["estimated"]["active_voxels"], baked["active_voxels"]);
 }

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use vdbake::field::{Field, Lattice};
+use vdbake::field::{Extent, Field, Lattice};
 use vdbake::num::Level;
 use vdbake::reference;
 use vdbake::scene::{Fbm, Scene};
@@ -162,11 +162,12 @@ pub(crate) struct Baked {
 }
 
 impl Baked {
-    /// Bakes `bricks` bricks of the plan, or all.
+    /// Bakes `bricks` bricks of the plan, or all: point samples at the voxels' centres, edges too.
     pub(crate) fn new(scene: &Scene, lattice: Lattice, bricks: usize) -> Baked {
         let field = Field::compile(scene);
-        let plan =
-            Plan::new(&field, lattice, 1 << 32).unwrap_or_else(|error| panic!("{error}")).sample(bricks);
+        let plan = Plan::for_extent(&field, lattice, Extent::Centres, 1 << 32)
+            .unwrap_or_else(|error| panic!("{error}"));
+        let plan = plan.sample(bricks);
         let mut store = Store::default();
         let Ok(_) = bake(&field, &plan, 0.0, Level::best(), &mut store, |_| ());
         let bricks = store.bricks().iter().map(|brick| (brick.origin, brick.clone())).collect();

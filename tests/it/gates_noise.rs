@@ -1,6 +1,6 @@
 //! Noise: its bounds are suprema, its precision does not depend on the place, its hash has no preferences.
 
-use vdbake::field::{Field, Lattice};
+use vdbake::field::{Extent, Field, Lattice};
 use vdbake::noise::{BOUND, Octave, perlin};
 use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::reference::{self, Reference};
@@ -277,7 +277,8 @@ fn a_pattern_scrolled_by_ten_million_cells_is_as_precise() {
     for time in [0.0, 1e3, 1e5, 1e6] {
         let scene = scene.at(time).expect("nothing moves");
         let field = Field::compile(&scene);
-        let plan = Plan::new(&field, Lattice { voxel_size: h }, 1 << 30).expect("a small plan");
+        let plan = Plan::for_extent(&field, Lattice { voxel_size: h }, Extent::Centres, 1 << 30)
+            .expect("a small plan");
         let mut store = Store::default();
         let Ok(_) = bake(&field, &plan, 0.0, Level::best(), &mut store, |_| ());
         let truth = Reference::new(&scene, Some(h));

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use vdbake::field::{Field, Lattice};
+use vdbake::field::{Extent, Field, Lattice};
 use vdbake::num::Level;
 use vdbake::reference::Reference;
 use vdbake::scene::Scene;
@@ -181,7 +181,7 @@ fn voxels_with_several_feet_and_beyond_the_focal_set_are_counted() {
             let scene = scene(&text);
             let field = Field::compile(&scene);
             let lattice = Lattice { voxel_size: 0.03 };
-            let plan = Plan::new(&field, lattice, 1 << 30).expect("a small plan");
+            let plan = Plan::for_extent(&field, lattice, Extent::Centres, 1 << 30).expect("a small plan");
             let Ok((tally, _)) = bake(&field, &plan, 0.0, Level::best(), &mut Store::default(), |_| ());
             // The rule has no say in where feet are.
             let (several, beyond) = *truth.get_or_insert_with(|| {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use vdbake::field::kernel::{Places, Scratch, evaluate};
-use vdbake::field::{Field, Lattice, Region, VOXELS};
+use vdbake::field::{Extent, Field, Lattice, Region, VOXELS};
 use vdbake::num::Level;
 use vdbake::reference::Reference;
 use vdbake::scene::Scene;
@@ -55,7 +55,8 @@ fn errors(scene: &Scene, resolution: f64, count: usize, edge: f64) -> Errors {
     let mut field = Field::compile(scene);
     let lattice = lattice(&field, resolution);
     field.widen(lattice);
-    let plan = Plan::new(&field, lattice, 1 << 32).expect("a small plan");
+    // Point samples, at edges too.
+    let plan = Plan::for_extent(&field, lattice, Extent::Centres, 1 << 32).expect("a small plan");
     let mut store = Store::default();
     let Ok(_) = bake(&field, &plan, 0.0, Level::best(), &mut store, |_| ());
     let found: std::collections::BTreeMap<[i32; 3], usize> =

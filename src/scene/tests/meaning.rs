@@ -2,7 +2,9 @@
 
 use crate::curve::{FrameRule, Profile};
 use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ORBIT, RADIUS, REST, ROOT, SECTIONS, TRACK};
-use crate::scene::{Camera, Caps, Conserve, Fbm, Light, Op, Overlap, Pattern, Radial, Scene, Step, TimeBase};
+use crate::scene::{
+    Antialias, Camera, Caps, Conserve, Fbm, Light, Op, Overlap, Pattern, Radial, Scene, Step, TimeBase,
+};
 
 const SKETCH: &str = r#"
 name = "tornado"
@@ -10,6 +12,7 @@ name = "tornado"
 [bake]                                  # what the command line may override
 resolution = 256                        # or voxel_size = 0.01
 grids = ["density"]
+antialias = "adaptive"                  # off, adaptive
 
 [time]                                  # frame `start` is t = 0
 fps = 24
@@ -130,6 +133,14 @@ fn words_for_overlap_and_conservation() {
         assert_eq!(tube(&format!("conserve = \"{word}\"")).tubes()[0].conserve, conserve);
     }
     assert!(!scene("[bake]\nwiden = false").bake().widen && scene("[bake]").bake().widen);
+    for (text, antialias) in [
+        ("", Antialias::Adaptive),
+        ("[bake]", Antialias::Adaptive),
+        ("[bake]\nantialias = \"adaptive\"", Antialias::Adaptive),
+        ("[bake]\nantialias = \"off\"", Antialias::Off),
+    ] {
+        assert_eq!(scene(text).bake().antialias, antialias, "{text}");
+    }
 }
 
 #[test]

@@ -554,3 +554,44 @@ error: unknown `grids` "大"
   |                        ^^^^ expected "density""#;
     assert_eq!(messages(text), expected.trim_start());
 }
+
+#[test]
+fn anti_aliasing_is_a_word() {
+    let text = r#"[bake]
+antialias = "adaptiv"
+"#;
+    let expected = r#"
+error: unknown `antialias` "adaptiv"
+ --> scene.toml:2:13
+  |
+2 | antialias = "adaptiv"
+  |             ^^^^^^^^^ did you mean "adaptive"?"#;
+    assert_eq!(messages(text), expected.trim_start());
+    let text = r#"[bake]
+antialias = true
+"#;
+    let expected = r#"
+error: wrong type for `antialias`
+ --> scene.toml:2:13
+  |
+2 | antialias = true
+  |             ^^^^ expected one of "off", "adaptive", found `true`"#;
+    assert_eq!(messages(text), expected.trim_start());
+    let text = r#"[bake]
+anti_alias = "off"
+antialias = "always"
+"#;
+    let expected = r#"
+error: unknown key `anti_alias` in [bake]
+ --> scene.toml:2:1
+  |
+2 | anti_alias = "off"
+  | ^^^^^^^^^^ did you mean `antialias`?
+
+error: unknown `antialias` "always"
+ --> scene.toml:3:13
+  |
+3 | antialias = "always"
+  |             ^^^^^^^^ expected one of "off", "adaptive""#;
+    assert_eq!(messages(text), expected.trim_start());
+}
