@@ -19,4 +19,5 @@ mod oracle;
 mod reader;
 mod same_bytes;
 mod sample;
+mod shapes;
 mod support;
