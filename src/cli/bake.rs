@@ -10,12 +10,13 @@ use serde::Serialize;
 
 use super::interrupt::{Interrupt, Stopped, Watched};
 use super::job::{self, Job, Options, SamplingError, sampling_errors};
+use super::mass::Mass;
 use super::output::Output;
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
-use crate::volume::{self, Phases, Plan, Tally};
+use crate::volume::{self, LARGEST_F16, Phases, Plan, RestMass, Tally};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -37,12 +38,17 @@ struct Report {
     voxel_size: f64,
     /// Corners of the box around the density, in metres.
     bounds: Option<[[f64; 3]; 2]>,
+    precision: &'static str,
     compression: &'static str,
     planned_bricks: u64,
     searched_voxels: u64,
     bisected_voxels: u64,
     inside_voxels: u64,
+    several_feet_voxels: u64,
+    beyond_focal_voxels: u64,
     active_voxels: u64,
+    /// Of these, whose density was beyond the range of the precision, and was clamped.
+    clamped_voxels: u64,
     leaves: u64,
     tiles: u64,
     bytes: u64,
@@ -51,8 +57,16 @@ struct Report {
     peak_rss_bytes: Option<u64>,
     threads: usize,
     simd: String,
-    /// Null: no density is compared with a cylinder at rest.
+    /// Mass of the bake over that at rest; null where there is none at rest.
     mass_ratio: Option<f64>,
+    /// Relative error of it.
+    mass_ratio_error: Option<f64>,
+    /// Part of the mass at rest that has no image.
+    lost_mass: Option<f64>,
+    mass: Mass,
+    /// What makes the ratio other than 1: for people.
+    #[serde(skip)]
+    mass_notes: Vec<String>,
     left_out: Vec<String>,
     /// What in the scene is hardly meant, each with its line and column.
     warnings: Vec<String>,
@@ -97,13 +111,24 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     interrupt.hold();
     let mut output = Output::create(&path)?;
     let mut progress = Progress::new(plan.bricks(), global.quiet);
-    let (grid, tally, phases) = pool.install(|| evaluate(&job, &plan, &interrupt, &mut progress))?;
+    let (grid, tally, mut phases) = pool.install(|| evaluate(&job, &plan, &interrupt, &mut progress))?;
     drop(progress);
+    let baked = clock.read();
+    let rest = pool.install(|| RestMass::beside(&job.field, &job.scene, job.lattice, &tally, Level::best()));
+    phases.evaluate += clock.read()[1] - baked[1];
+    let mass = Mass::new(&tally, &rest, job.lattice);
     let evaluated = clock.read();
     if plan.bricks() > 0 && tally.active_voxels == 0 {
         global.note(
             "no voxel is active: the density is at or below the cutoff, or between the centres of all voxels; the grid is empty",
         );
+    }
+
+    if tally.clamped_voxels > 0 {
+        global.note(&format!(
+            "{} of a density beyond {LARGEST_F16}, the largest 16-bit float, got that value; --precision f32 keeps them",
+            text::number(tally.clamped_voxels, "voxel"),
+        ));
     }
 
     let content = text::hexadecimal(&tally.content_hash);
@@ -125,12 +150,16 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         time: job.settings.time,
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         searched_voxels: tally.searched_voxels,
         bisected_voxels: tally.bisected_voxels,
         inside_voxels: tally.inside_voxels,
+        several_feet_voxels: tally.several_feet_voxels,
+        beyond_focal_voxels: tally.beyond_focal_voxels,
         active_voxels: tally.active_voxels,
+        clamped_voxels: tally.clamped_voxels,
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,
@@ -139,7 +168,11 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         peak_rss_bytes: machine::peak_memory(),
         threads: pool.current_num_threads(),
         simd: Level::best().name(),
-        mass_ratio: None,
+        mass_ratio: mass.ratio(),
+        mass_ratio_error: mass.ratio_error(),
+        lost_mass: mass.lost(),
+        mass_notes: mass.notes(&job.scene),
+        mass,
         left_out: job.field.left_out(job.lattice),
         warnings: text::warnings(job.scene.warnings()),
         sampling_errors: sampling_errors(&job.scene),
@@ -156,7 +189,7 @@ fn evaluate(
     interrupt: &Interrupt,
     progress: &mut Progress,
 ) -> Result<(VdbGridBuilder, Tally, Phases), Failure> {
-    let mut sink = Watched { inner: VdbGridBuilder::new(job.compression), interrupt };
+    let mut sink = Watched { inner: VdbGridBuilder::with_encoder(job.encoder), interrupt };
     let cutoff = job.scene.bake().cutoff;
     let advance = |bricks| progress.advance(bricks);
     let (tally, phases) =
@@ -257,10 +290,12 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
             text::seconds(times.write),
         ),
     );
+    table.row("mass", report.mass.line());
     if let Some(peak) = report.peak_rss_bytes {
         table.row("peak memory", text::bytes(peak));
     }
     if explain {
+        table.rows("mass", &report.mass_notes, "none at rest");
         table.rows("left out", &report.left_out, "nothing");
         SamplingError::show(&report.sampling_errors, &mut table);
     }

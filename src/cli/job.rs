@@ -1,5 +1,6 @@
 //! What commands share that take a scene: the scene, the settings after defaults and overrides, and the memory they may take.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -8,10 +9,12 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::memory::{self, Amount};
-use super::recipe::{Recipe, Settings, compression_name};
+use super::recipe::{Recipe, Settings, compression_name, precision_name};
 use super::{Failure, text};
 use crate::field::Field;
-use crate::formats::vdb::{self, Compression, FileHeader, GridHeader};
+use crate::formats::vdb::{
+    self, Compression, Encoder, FileHeader, GridClass, GridHeader, Precision, VectorType,
+};
 use crate::scene::limit::{ANY, POSITIVE};
 use crate::scene::{MOST_INPUT, Scene, SceneErrors, Step, Tube};
 use crate::volume::{Lattice, Plan, PlanError};
@@ -46,12 +49,21 @@ pub(super) struct SceneOptions {
 pub(super) struct Options {
     #[command(flatten)]
     scene: SceneOptions,
+    /// How precisely values are stored: single or half precision, as 32-bit or 16-bit floats
+    #[arg(long, value_enum, default_value_t = Width::F32)]
+    precision: Width,
     /// How values are compressed, always without loss
     #[arg(long, value_enum, default_value_t = Codec::Blosc)]
     compression: Codec,
     /// Tell what was left out of the evaluation, and why
     #[arg(long)]
     pub(super) explain: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Width {
+    F32,
+    F16,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -106,7 +118,8 @@ impl Compiled {
     pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
         let scene = read_scene(path)?;
         let time = options.time.unwrap_or(0.0);
-        let field = Field::compile(&scene, time);
+        let scene = scene.at(time)?;
+        let mut field = Field::compile(&scene);
         let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
         let step = match (options.voxel_size, options.resolution) {
             (Some(size), _) => Step::VoxelSize(size),
@@ -114,6 +127,7 @@ impl Compiled {
             (None, None) => scene.bake().step,
         };
         let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        field.widen(lattice);
         Ok(Compiled { scene, field, lattice, time, bounds })
     }
 }
@@ -124,7 +138,7 @@ pub(super) struct Job {
     pub(super) scene: Scene,
     pub(super) field: Field,
     pub(super) lattice: Lattice,
-    pub(super) compression: Compression,
+    pub(super) encoder: Encoder,
     pub(super) settings: Settings,
     /// Corners of the box around the density, in metres; `None` where there is none.
     pub(super) bounds: Option<[[f64; 3]; 2]>,
@@ -143,16 +157,23 @@ impl Job {
             Codec::Zip => Compression::Zip,
             Codec::None => Compression::None,
         };
+        let precision = match options.precision {
+            Width::F32 => Precision::F32,
+            Width::F16 => Precision::F16,
+        };
+        let encoder = Encoder::new(compression).with_precision(precision);
         let settings = Settings {
             grids: ["density"],
             voxel_size: lattice.voxel_size,
             time,
+            precision: precision_name(precision),
             compression: compression_name(compression),
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
+            widen: scene.bake().widen,
         };
         let budget = options.scene.budget();
-        Ok(Job { scene, field, lattice, compression, settings, bounds, budget, resident: memory::resident() })
+        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident: memory::resident() })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -171,7 +192,7 @@ impl Job {
 
     /// Upper bound of the memory in bytes that the process takes to bake a plan on the current `rayon` pool.
     pub(super) fn memory(&self, plan: &Plan) -> u64 {
-        self.process() + memory::bricks(plan, self.compression)
+        self.process() + memory::bricks(plan, self.encoder)
     }
 
     /// The part of it that does not depend on the plan.
@@ -182,7 +203,11 @@ impl Job {
     /// The plan at a lattice, or why there is none.
     fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
         let process = self.process();
-        match Plan::new(&self.field, lattice, self.budget.bytes().saturating_sub(process)) {
+        let mut field = Cow::Borrowed(&self.field);
+        if lattice != self.lattice {
+            field.to_mut().widen(lattice);
+        }
+        match Plan::new(&field, lattice, self.budget.bytes().saturating_sub(process)) {
             Ok(plan) if self.memory(&plan) <= self.budget.bytes() => Ok(plan),
             #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
             Ok(plan) => {
@@ -191,7 +216,7 @@ impl Job {
             #[allow(clippy::cast_precision_loss, reason = "as above")]
             Err(PlanError::TooMany { bricks }) => Err(Misfit::Memory {
                 bricks: None,
-                need: process as f64 + bricks / CONTACTS * memory::brick(self.compression) as f64,
+                need: process as f64 + bricks / CONTACTS * memory::brick(self.encoder) as f64,
             }),
             Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }
@@ -270,6 +295,8 @@ impl Job {
         let voxel_size = self.lattice.voxel_size;
         GridHeader {
             name: "density".to_owned(),
+            class: GridClass::FogVolume,
+            vector_type: VectorType::Invariant,
             voxel_size,
             // Voxel i is the cell from i h to (i + 1) h, and the file places its centre.
             translation: [0.5 * voxel_size; 3],

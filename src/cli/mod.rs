@@ -9,6 +9,7 @@ mod info;
 mod interrupt;
 mod job;
 mod machine;
+mod mass;
 mod memory;
 mod output;
 mod plan;
@@ -92,9 +93,13 @@ impl Global {
 
     /// Tells something that is neither result nor error.
     fn note(&self, text: &str) {
+        self.tell("note", text);
+    }
+
+    fn tell(&self, kind: &str, text: &str) {
         if !self.quiet {
             // Where standard error is closed there is nobody to tell.
-            let _ = writeln!(io::stderr(), "note: {text}");
+            let _ = writeln!(io::stderr(), "{kind}: {text}");
         }
     }
 

@@ -37,6 +37,7 @@ struct Report {
     bounds: Option<[[f64; 3]; 2]>,
     /// Voxels along each side of that box.
     dimensions: [u64; 3],
+    precision: &'static str,
     compression: &'static str,
     /// All that would be searched; some may stay empty.
     planned_bricks: u64,
@@ -79,7 +80,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let job = Job::new(&arguments.scene, &arguments.options)?;
     let plan = pool.install(|| job.plan())?;
     let planning = started.elapsed().as_secs_f64();
-    let bound = GridBound::new(job.compression, plan.origins());
+    let bound = GridBound::new::<f32>(job.encoder, plan.origins());
     let empty = empty_file(&job)?;
     let threads = pool.current_num_threads();
     let report = Report {
@@ -88,6 +89,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
         dimensions: job.dimensions(),
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         at_most: Limits {
@@ -110,7 +112,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 /// Bytes of the file if no voxel were active. All of it that depends on the density has a fixed length.
 fn empty_file(job: &Job) -> Result<u64, Failure> {
     let header = job.file_header(&"0".repeat(64))?;
-    let grid = VdbGridBuilder::new(job.compression);
+    let grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
     vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)])
         .map_err(|error| Failure::failed("cannot measure the file").because(error))
 }
@@ -128,7 +130,7 @@ fn estimate(
     let mut sizes = SAMPLES.into_iter();
     let (sample, grid, tally, phases) = loop {
         let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
-        let mut grid = VdbGridBuilder::new(job.compression);
+        let mut grid = VdbGridBuilder::with_encoder(job.encoder);
         let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
             .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
         let long = started.elapsed().as_secs_f64() > PATIENCE;
@@ -142,7 +144,7 @@ fn estimate(
     };
     // The nodes above leaves take their full size only where nothing is compressed.
     let nodes = bound.masks - 64 * plan.bricks() as u64
-        + if job.compression == Compression::None { bound.entries } else { 0 };
+        + if job.encoder.compression() == Compression::None { bound.entries } else { 0 };
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let (factor, threads) =
         (plan.bricks() as f64 / sample.bricks().max(1) as f64, rayon::current_num_threads() as f64);

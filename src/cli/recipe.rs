@@ -5,7 +5,7 @@ use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::text::hexadecimal;
-use crate::formats::vdb::{Compression, Meta, Metadata};
+use crate::formats::vdb::{Compression, Meta, Metadata, Precision};
 use crate::scene::Input;
 
 /// The program and its version.
@@ -19,9 +19,11 @@ pub(super) struct Settings {
     pub(super) voxel_size: f64,
     /// Seconds after the start frame.
     pub(super) time: f64,
+    pub(super) precision: &'static str,
     pub(super) compression: &'static str,
     pub(super) cutoff: f64,
     pub(super) octave_fade: bool,
+    pub(super) widen: bool,
 }
 
 /// A compression's word on the command line.
@@ -30,6 +32,14 @@ pub(super) fn compression_name(compression: Compression) -> &'static str {
         Compression::Blosc => "blosc",
         Compression::Zip => "zip",
         Compression::None => "none",
+    }
+}
+
+/// A precision's word on the command line.
+pub(super) fn precision_name(precision: Precision) -> &'static str {
+    match precision {
+        Precision::F32 => "f32",
+        Precision::F16 => "f16",
     }
 }
 
@@ -55,8 +65,10 @@ impl Recipe {
         inputs: &[Input],
         settings: &Settings,
     ) -> Result<Recipe, serde_json::Error> {
-        let files: Vec<File> =
-            inputs.iter().map(|Input { path, sha256 }| File { path, sha256: hexadecimal(sha256) }).collect();
+        let files: Vec<File> = inputs
+            .iter()
+            .map(|Input { path, sha256, .. }| File { path, sha256: hexadecimal(sha256) })
+            .collect();
         let inputs = if files.is_empty() { None } else { Some(serde_json::to_string(&files)?) };
         Ok(Recipe { scene: scene.to_owned(), settings: serde_json::to_string(settings)?, inputs })
     }
@@ -100,16 +112,18 @@ mod tests {
             grids: ["density"],
             voxel_size: 0.1,
             time: 0.0,
+            precision: "f32",
             compression: "blosc",
             cutoff: 0.0,
             octave_fade: true,
+            widen: true,
         }
     }
 
     #[test]
     fn settings_have_one_form() {
         let recipe = Recipe::new("", &[], &settings()).expect("settings");
-        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"compression":"blosc","cutoff":0.0,"octave_fade":true}"#;
+        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"precision":"f32","compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true}"#;
         assert_eq!(recipe.settings, expected);
     }
 
@@ -126,7 +140,8 @@ mod tests {
 
     #[test]
     fn other_files_belong_to_the_recipe() {
-        let input = |path: &str, byte| Input { path: path.to_owned(), sha256: [byte; 32] };
+        let input =
+            |path: &str, byte| Input { path: path.to_owned(), sha256: [byte; 32], bytes: [byte].into() };
         let recipe = |inputs: &[Input]| Recipe::new("", inputs, &settings()).expect("settings");
         let one = recipe(&[input("a \"b\".csv", 10)]);
         let expected = format!(r#"[{{"path":"a \"b\".csv","sha256":"{}"}}]"#, "0a".repeat(32));

@@ -100,12 +100,16 @@ pub(super) fn seconds(x: f64) -> String {
     format!("{x:.3} s")
 }
 
+/// Without characters that could steer a terminal.
+pub(super) fn plain(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}
+
 /// On one line and not too long, without characters that could steer a terminal.
 pub(super) fn tidy(text: &str) -> String {
     const MOST: usize = 160;
     let line = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-    let mut out: String =
-        line.chars().take(MOST).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    let mut out: String = plain(line).chars().take(MOST).collect();
     if out.len() < text.trim_end().len() {
         out.push_str(&format!(" ... ({} bytes in all)", text.len()));
     }

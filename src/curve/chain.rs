@@ -48,6 +48,9 @@ pub enum CurveError {
     },
 }
 
+/// A jump of the frame about its tangent by less than this many radians is not one.
+const FLIP: f64 = 1e-3;
+
 /// Holonomy below this many radians is rounding.
 const TURNED: f64 = 1e-12;
 
@@ -195,6 +198,30 @@ impl Curve {
         self.frames[segment].breaks()
     }
 
+    /// Arc lengths in metres at which a Frenet frame jumps about its tangent by more than 1e-3 radians, ascending: at
+    /// inflections, behind straight parts, and at joints where the principal normal changes.
+    ///
+    /// Empty for a rotation-minimising frame.
+    pub fn flips(&self) -> Vec<f64> {
+        if self.rule != FrameRule::Frenet {
+            return vec![];
+        }
+        let mut flips = vec![];
+        for (segment, frames) in self.frames.iter().enumerate() {
+            for &t in frames.breaks() {
+                if jumps(&self.frame(segment, t.next_down()), &self.frame(segment, t)) {
+                    flips.push(self.arc_length(segment, t));
+                }
+            }
+            if segment + 1 < self.segments.len()
+                && jumps(&self.frame(segment, 1.0), &self.frame(segment + 1, 0.0))
+            {
+                flips.push(self.starts[segment + 1]);
+            }
+        }
+        flips
+    }
+
     /// Angle in radians, 0 to pi, by which the tangent turns from the end of segment `joint` to the start of
     /// the next.
     ///
@@ -212,6 +239,13 @@ impl Curve {
             _ => self.closed.then_some(0),
         }
     }
+}
+
+/// Whether a frame turns about its tangent from one to the next, besides following the tangent.
+fn jumps(before: &Frame, after: &Frame) -> bool {
+    let carried = before.bent(after.tangent);
+    let (x, y) = (after.normal.dot(carried.normal), after.normal.dot(carried.binormal));
+    libm::atan2(y, x).abs() > FLIP
 }
 
 /// The frames of every segment, from one on the first tangent, and the one that arrives behind the last on the first
@@ -386,6 +420,39 @@ mod tests {
             let (before, after) = (curve.frame(1, 1.0), curve.frame(2, 0.0));
             assert!(after.normal.distance(before.bent(after.tangent).normal) < 1e-13);
         }
+    }
+
+    #[test]
+    fn flips_are_those_of_frenet_frames_only() {
+        let s = [DVec3::ZERO, dvec3(0.3, 1.0, 0.0), dvec3(0.7, -1.0, 0.0), DVec3::X];
+        let arc = [DVec3::ZERO, dvec3(0.5, 1.0, 0.0), DVec3::X];
+        let cusp = [DVec3::ZERO, dvec3(1.0, 1.0, 0.0), dvec3(0.0, 1.0, 0.0), DVec3::X];
+        let flips =
+            |segments: &[Segment], rule| Curve::new(segments.to_vec(), rule).expect("a curve").flips();
+        let frenet = |segments: &[Segment]| flips(segments, FrameRule::Frenet);
+        assert!(flips(&[Segment::cubic(s)], RULE).is_empty());
+        assert!(frenet(&[Segment::quadratic(arc)]).is_empty());
+        // The tangent turns back there, but the binormal stays.
+        assert!(frenet(&[Segment::cubic(cusp)]).is_empty());
+        let length = Curve::new(vec![Segment::cubic(s)], RULE).expect("a curve").length();
+        let found = frenet(&[Segment::cubic(s)]);
+        // The inflection of the S is its middle; the flip comes where the curvature is 1e-6 again.
+        assert!(found.len() == 1 && (found[0] / length - 0.5).abs() < 1e-5, "{found:?}");
+        // The same turned out of its plane by a little: the frame is carried on through the middle.
+        let [a, b, c, d] = s;
+        assert_eq!(frenet(&[Segment::cubic([a, b, c + 1e-9 * DVec3::Z, d])]).len(), 1);
+
+        // Two arcs that make an S have it at the joint, two that make one arc have none.
+        let other = |side: f64| [DVec3::X, dvec3(1.5, side, 0.0), 2.0 * DVec3::X].into();
+        let [same, opposite] = [1.0, -1.0].map(other).map(Segment::quadratic);
+        let arc = Segment::quadratic(arc);
+        assert!(frenet(&[arc, same]).is_empty());
+        let found = frenet(&[arc, opposite]);
+        assert!(found.len() == 1 && (found[0] - arc_length(&arc)).abs() < 1e-12, "{found:?}");
+    }
+
+    fn arc_length(segment: &Segment) -> f64 {
+        Curve::new(vec![*segment], RULE).expect("a curve").length()
     }
 
     #[test]

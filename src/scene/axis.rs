@@ -8,6 +8,7 @@ use super::error::Fault;
 use super::input::Inputs;
 use super::keys::CURVE;
 use super::limit;
+use super::motion;
 use super::reader::{Item, Reader, Words};
 use super::rows::rows;
 use crate::curve::{Curve, CurveError, FrameRule, Segment, SplineError, b_spline, catmull_rom, coincide};
@@ -181,8 +182,8 @@ fn points<'a>(table: &Reader<'a>, expected: bool, inputs: &Inputs<'_>) -> Option
 fn inline(item: Item<'_>) -> Option<Points<'_>> {
     let items = item.array("an array of points [x, y, z]")?;
     // Every point is read, so that each fault among them is found.
-    let points: Vec<_> = items.iter().map(|point| point.numbers(&limit::ANY, "a point [x, y, z]")).collect();
-    let points = points.into_iter().map(|point| point.map(DVec3::from_array)).collect::<Option<_>>()?;
+    let points: Vec<_> = items.iter().map(motion::point).collect();
+    let points = points.into_iter().collect::<Option<_>>()?;
     Some(Points { points, item, items, file: None })
 }
 

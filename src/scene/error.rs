@@ -124,6 +124,13 @@ impl Faults {
         self.more.set(self.more.get() + count);
     }
 
+    /// Adds a note to every fault.
+    pub(super) fn note(&self, note: &str) {
+        for fault in self.list.borrow_mut().iter_mut() {
+            fault.notes.push(note.to_owned());
+        }
+    }
+
     /// Removes the faults for which `keep` is false.
     pub(super) fn retain(&self, keep: impl FnMut(&Fault) -> bool) {
         self.list.borrow_mut().retain(keep);

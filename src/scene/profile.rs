@@ -40,7 +40,9 @@ impl From<Profile> for Radius {
 
 /// The radius of a tube; on a closed curve keys go around.
 pub(super) fn radius(item: Item<'_>, closed: bool, inputs: &Inputs<'_>) -> Option<Radius> {
-    if item.is_number() {
+    // A table may also be a number over time.
+    let moves = item.has("keys") || item.has("period");
+    if item.is_number() && (moves || !item.is_table()) {
         return Some(Profile::constant(item.number(&limit::POSITIVE)?).ok()?.into());
     }
     if item.is_table() {

@@ -1,4 +1,4 @@
-//! What does not meet itself where a closed curve closes.
+//! Where a tube's cross-section jumps: at the seam of a closed curve that does not meet itself, and where a Frenet frame flips.
 
 use super::error::Fault;
 use super::reader::{Item, Reader};
@@ -9,6 +9,21 @@ use crate::curve::FrameRule;
 const NONE: f64 = 1e-9;
 /// Radians by which a frame may miss itself.
 const CLOSED: f64 = 1e-6;
+
+/// Warns of the places where a Frenet frame flips, by l from 0 to 1, as for the radius.
+pub(super) fn flips(table: &Reader<'_>, tube: &Tube) {
+    /// Places that are listed.
+    const MOST: usize = 4;
+    let (flips, length) = (tube.curve.flips(), tube.curve.length());
+    let (Some(item), false) = (table.get("frame"), flips.is_empty()) else { return };
+    let places: Vec<String> = flips.iter().take(MOST).map(|s| format!("{:.4}", s / length)).collect();
+    let more = flips.len() - places.len();
+    let rest = if more > 0 { format!(" and at {more} more places") } else { String::new() };
+    table.warn(
+        Fault::at(item.span(), format!("the Frenet frame flips at l = {}{rest}", places.join(", ")))
+            .label("and the noise with it; \"rotation-minimising\" does not"),
+    );
+}
 
 /// Warns of each seam of a closed tube.
 pub(super) fn warn(table: &Reader<'_>, tube: &Tube, closed: &Item<'_>) {

@@ -6,6 +6,7 @@ use super::axis::{self, Axis};
 use super::error::Fault;
 use super::input::Inputs;
 use super::keys::{ENVELOPE, LAYER, REST};
+use super::motion::Rate;
 use super::profile::{self, Radius};
 use super::reader::{Item, Reader, Words};
 use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, layer, limit, seams};
@@ -59,7 +60,9 @@ static RADIAL: Words<Radial> = Words {
 };
 
 /// All tubes, those without a name named by their number. Those without a valid curve are left out.
-pub(super) fn tubes(tables: &[Reader<'_>], inputs: &Inputs<'_>) -> Vec<Tube> {
+///
+/// `known` are all of them at another time, where that has been read.
+pub(super) fn tubes(tables: &[Reader<'_>], inputs: &Inputs<'_>, known: Option<&[Tube]>) -> Vec<Tube> {
     let mut taken = BTreeMap::new();
     let names: Vec<_> = tables.iter().map(|table| name(table, &mut taken)).collect();
     let mut number = 0;
@@ -75,7 +78,8 @@ pub(super) fn tubes(tables: &[Reader<'_>], inputs: &Inputs<'_>) -> Vec<Tube> {
             },
             str::to_owned,
         );
-        named.extend(tube(table, name, inputs));
+        let rest = known.and_then(|tubes| tubes.get(index)).map(|tube| tube.rest);
+        named.extend(tube(table, name, inputs, rest));
     }
     named
 }
@@ -96,7 +100,8 @@ fn name<'a>(table: &Reader<'a>, taken: &mut BTreeMap<&'a str, Item<'a>>) -> Opti
     Some(name)
 }
 
-fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>) -> Option<Tube> {
+/// A tube that does not say what it is at rest is at rest as `known`, or else as it is now.
+fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>, known: Option<Rest>) -> Option<Tube> {
     let conserve = table.word("conserve", &CONSERVE).unwrap_or(Conserve::Off);
     let overlap = table.word("overlap", &OVERLAP).unwrap_or(Overlap::Max);
     let rest = table.table("rest", &REST);
@@ -107,7 +112,7 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>) -> Option<Tube> {
     let (caps, radial) = envelope(table, closed);
     let layers = layer::layers(&table.tables("layer", &LAYER));
     let twist = table.number("twist", &limit::ANY).unwrap_or(0.0);
-    let spin = table.number("spin", &limit::ANY).unwrap_or(0.0);
+    let spin = table.rate("spin", &limit::ANY).unwrap_or(Rate { now: 0.0, sum: 0.0 });
     let stretch = table.boolean("stretch").unwrap_or(true);
     // Only when all keys are read may a tube without a curve be given up.
     let curve = curve?;
@@ -115,8 +120,8 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>) -> Option<Tube> {
         Profile::constant(RADIUS * curve.length()).expect("a part of a curve's length is a radius").into()
     });
     let rest = Rest {
-        radius: rest[0].unwrap_or_else(|| radius.rms()),
-        length: rest[1].unwrap_or_else(|| curve.length()),
+        radius: rest[0].or(known.map(|rest| rest.radius)).unwrap_or_else(|| radius.rms()),
+        length: rest[1].or(known.map(|rest| rest.length)).unwrap_or_else(|| curve.length()),
     };
     let tube = Tube {
         name,
@@ -124,7 +129,8 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>) -> Option<Tube> {
         radius,
         sampling_error,
         twist,
-        spin,
+        spin: spin.now,
+        turned: spin.sum,
         stretch,
         frame,
         caps,
@@ -134,6 +140,7 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>) -> Option<Tube> {
         overlap,
         layers,
     };
+    seams::flips(table, &tube);
     if let Some(closed) = closed {
         seams::warn(table, &tube, &closed);
     }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use super::dispatch::{activate, evaluate_block};
-use super::{Brick, Plan, Sink};
+use super::{Brick, Plan, Sink, Total};
 use crate::field::kernel::{Counts, Places, Scratch};
 use crate::field::{Field, Region, VOXELS};
 use crate::num::Level;
@@ -27,7 +27,7 @@ pub struct Phases {
 }
 
 /// What a bake did.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tally {
     /// Bricks with at least one active voxel.
     pub bricks: u64,
@@ -37,17 +37,26 @@ pub struct Tally {
     pub searched_voxels: u64,
     /// Lanes of these that went through bisection: near cusps and folds, and where axes meet.
     pub bisected_voxels: u64,
+    /// Active voxels whose density was beyond the range of the sink's [`Precision`](super::Precision), and was clamped.
+    pub clamped_voxels: u64,
     /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
+    /// Voxels with several feet on one axis.
+    pub several_feet_voxels: u64,
+    /// Voxels inside a tube but beyond its focal set: there the distance to its axis has a local maximum.
+    pub beyond_focal_voxels: u64,
+    /// Sum of all stored values.
+    pub total: Total,
     /// SHA-256 over all active bricks in file order: see [`bake`].
     pub content_hash: [u8; 32],
 }
 
 /// Evaluates the plan's bricks on the current `rayon` pool and hands those with active voxels to `sink` in file order.
 ///
-/// A voxel is active where its density is above `cutoff`; others are 0. `progress` is called, on this thread, with the
+/// A voxel is active where its density is above `cutoff`; others are 0. Values are then rounded to the sink's precision,
+/// which may leave an active voxel with a value at or below the cutoff. `progress` is called, on this thread, with the
 /// number of bricks done since the last call. The content hash is SHA-256 over, brick by brick, the SHA-256 of the
-/// origin (three `i32`), the mask (eight `u64`) and all 512 values (`f32`), little-endian.
+/// origin (three `i32`), the mask (eight `u64`) and all 512 rounded values (`f32`), little-endian.
 ///
 /// # Errors
 ///
@@ -76,14 +85,18 @@ pub fn bake<S: Sink>(
         for done in runs {
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
+            tally.clamped_voxels += done.clamped;
             tally.searched_voxels += done.counts.searched;
             tally.bisected_voxels += done.counts.bisected;
             tally.inside_voxels += done.counts.inside;
+            tally.several_feet_voxels += done.counts.several;
+            tally.beyond_focal_voxels += done.counts.beyond;
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
             for digest in &done.digests {
                 hash.update(digest);
             }
+            done.totals.iter().for_each(|total| tally.total.add(total));
             sink.append(done.run)?;
         }
         phases.append += appending.elapsed().as_secs_f64();
@@ -103,7 +116,10 @@ fn single(x: f64) -> f32 {
 struct Done<Run> {
     run: Run,
     digests: Vec<[u8; 32]>,
+    /// Brick by brick: the order of the sum must not depend on how bricks are put in runs.
+    totals: Vec<Total>,
     active: u64,
+    clamped: u64,
     counts: Counts,
     evaluate: f64,
     encode: f64,
@@ -131,7 +147,9 @@ impl Worker {
         let mut done = Done {
             run: S::Run::default(),
             digests: Vec::new(),
+            totals: Vec::new(),
             active: 0,
+            clamped: 0,
             counts: Counts::default(),
             evaluate: 0.0,
             encode: 0.0,
@@ -147,12 +165,11 @@ impl Worker {
             let counts =
                 evaluate_block(level, &self.region, Places::Centres, &mut self.scratch, &mut brick.values);
             activate(level, cutoff, &mut brick);
-            done.counts.searched += counts.searched;
-            done.counts.bisected += counts.bisected;
-            done.counts.inside += counts.inside;
+            done.counts.add(counts);
             let active = brick.active();
             if active > 0 {
                 done.active += u64::from(active);
+                done.clamped += sink.precision().round(&mut brick.values) as u64;
                 self.bricks.push(brick);
             }
         }
@@ -160,6 +177,7 @@ impl Worker {
         let evaluated = ThreadTime::now();
         for brick in &self.bricks {
             done.digests.push(digest(brick));
+            done.totals.push(Total::of(&brick.values));
             sink.encode(brick, &mut done.run);
         }
         done.encode = evaluated.elapsed().as_secs_f64();

@@ -60,7 +60,7 @@ struct TubeReport {
 
 /// Describes.
 pub(super) fn describe(scene: &Scene) -> Report {
-    let field = Field::compile(scene, 0.0);
+    let field = Field::compile(scene);
     let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
     let (bake, time) = (scene.bake(), scene.time());
     let voxel_size = voxel_size(bake.step, bounds);

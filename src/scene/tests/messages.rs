@@ -37,7 +37,7 @@ error: unknown key `radius` in [[tube.layer]]
  --> scene.toml:5:1
   |
 5 | radius = 0.2
-  | ^^^^^^ a key of [[tube]]
+  | ^^^^^^ a key of [[tube]], rest
   |
   = help: keys below a [[tube.layer]] line belong to that layer: put the tube's own above it
 
@@ -59,7 +59,7 @@ error: unknown key `shutter` in [time]
  --> scene.toml:2:1
   |
 2 | shutter = 0.5
-  | ^^^^^^^ expected one of fps, start"#;
+  | ^^^^^^^ expected one of fps, start, end"#;
     assert_eq!(messages(text), expected.trim_start());
 }
 
@@ -539,7 +539,7 @@ error: unknown key `größe` in the top level
  --> scene.toml:2:2
   |
 2 |     "größe" = 3
-  |     ^^^^^^^ expected one of name, bake, time, tube, medium, camera, light
+  |     ^^^^^^^ expected one of name, bake, time, overlap, tube, medium, camera, light
 
 error: unknown `grids` "dichte"
  --> scene.toml:4:11

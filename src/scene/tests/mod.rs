@@ -5,3 +5,4 @@ mod curves;
 mod hostile;
 mod meaning;
 mod messages;
+mod time;
