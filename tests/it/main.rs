@@ -12,6 +12,7 @@ mod gates_hash;
 mod gates_noise;
 mod gates_oracle;
 mod hostile;
+mod inputs;
 mod joins;
 mod kernel;
 mod large;
