@@ -1,13 +1,15 @@
 //! What a segment costs in curves of 10 to 10 000 of them, along a helix that never comes near itself, in one run:
 //! `cargo bench --bench long`.
 //!
-//! Everything should be about flat: set-up in microseconds a segment, evaluation in nanoseconds a voxel inside the tube.
+//! Everything should be about flat: set-up in microseconds a segment, evaluation in nanoseconds a voxel inside the tube, of
+//! processor time.
 
 #![allow(clippy::print_stdout, reason = "a bench prints its figures")]
 
 use std::convert::Infallible;
-use std::time::Instant;
+use std::time::Duration;
 
+use cpu_time::ProcessTime;
 use vdbake::field::{Field, Lattice};
 use vdbake::num::Level;
 use vdbake::scene::Scene;
@@ -37,7 +39,7 @@ fn row(kind: &str, segments: u32) {
     );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
     let lattice = Lattice { voxel_size: 0.0125 };
-    let started = Instant::now();
+    let started = ProcessTime::now();
     let scene = Scene::parse(&text, "long.toml").expect("a valid scene");
     let parsed = started.elapsed();
     let field = Field::compile(&scene);
@@ -49,7 +51,7 @@ fn row(kind: &str, segments: u32) {
         (tally, planned, plan.bricks())
     });
     let baked = started.elapsed();
-    let each = |time: std::time::Duration| time.as_secs_f64() * 1e6 / f64::from(segments);
+    let each = |time: Duration| time.as_secs_f64() * 1e6 / f64::from(segments);
     println!(
         "{kind:<12} {segments:>8} {:>12.1} {:>12.1} {:>12.1} {bricks:>10} {:>12.1} {:>11.2}",
         each(parsed),
