@@ -71,6 +71,7 @@
 
 mod cover;
 mod explain;
+mod extent;
 pub mod kernel;
 mod narrow;
 mod region;
@@ -80,6 +81,7 @@ mod tube;
 use glam::DVec3;
 
 pub use cover::Capsule;
+pub use extent::extent;
 pub use narrow::Candidate;
 pub use region::Region;
 

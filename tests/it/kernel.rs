@@ -116,7 +116,7 @@ fn near_jump(scene: &Scene, reference: &Reference, p: [f64; 3], edge: f64) -> bo
 const LARGEST: f64 = 4e-5;
 const RMS: f64 = LARGEST / 30.0;
 
-fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
+pub(crate) fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
     let errors = errors(scene, resolution, 20_000, edge);
     assert!(errors.peak > 0.0, "{name}: nothing was compared");
     assert!(

@@ -24,7 +24,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     if is_vdb(path)? {
         return global.show(&vdb::read(path)?, vdb::human);
     }
-    global.show(&scene::describe(&job::read_scene(path)?), scene::human)
+    global.show(&scene::describe(&job::read_scene(path)?)?, scene::human)
 }
 
 /// Whether a file is one of OpenVDB, by its first bytes or its name.
