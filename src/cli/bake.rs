@@ -1,5 +1,6 @@
 //! `vdbake bake`: a scene into an OpenVDB file.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -10,14 +11,14 @@ use serde::Serialize;
 
 use super::frames::{self, Pattern};
 use super::interrupt::{Interrupt, Stopped, Watched};
-use super::job::{self, Job, Moment, Options, Source};
+use super::job::{self, Job, Moment, Options, SamplingError, Source, sampling_errors};
 use super::output::Output;
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, print, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
 use crate::scene::Scene;
-use crate::volume::{self, Phases, Plan, Tally};
+use crate::volume::{self, LARGEST_F16, Phases, Plan, Tally};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -42,12 +43,17 @@ struct Report {
     voxel_size: f64,
     /// Corners of the box around the density, in metres.
     bounds: Option<[[f64; 3]; 2]>,
+    precision: &'static str,
     compression: &'static str,
     planned_bricks: u64,
     searched_voxels: u64,
     bisected_voxels: u64,
     inside_voxels: u64,
+    several_feet_voxels: u64,
+    beyond_focal_voxels: u64,
     active_voxels: u64,
+    /// Of these, whose density was beyond the range of the precision, and was clamped.
+    clamped_voxels: u64,
     leaves: u64,
     tiles: u64,
     bytes: u64,
@@ -59,6 +65,10 @@ struct Report {
     /// Null: no density is compared with a cylinder at rest.
     mass_ratio: Option<f64>,
     left_out: Vec<String>,
+    /// What in the scene is hardly meant, each with its line and column.
+    warnings: Vec<String>,
+    /// How far radii that are read from files may be off between their samples.
+    sampling_errors: Vec<SamplingError>,
     content_sha256: String,
     uuid: String,
 }
@@ -91,12 +101,16 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     }
     let mut progress = Progress::new(moments.len(), global.quiet);
     let (mut bytes, started) = (0, Instant::now());
+    let mut told = BTreeSet::new();
     for (index, moment) in moments.iter().enumerate() {
         let mut one = || {
             interrupt.check()?;
             let job = Job::new(&source, *moment, options)?;
             let plan = pool.install(|| job.plan())?;
             planning = None;
+            if told.insert(text::warnings(job.scene.warnings())) {
+                progress.aside(|| global.warn_of(job.scene.warnings()));
+            }
             let report = bake(
                 &job,
                 &plan,
@@ -215,6 +229,14 @@ fn bake(
         );
     }
 
+    if tally.clamped_voxels > 0 {
+        let text = format!(
+            "{} of a density beyond {LARGEST_F16}, the largest 16-bit float, got that value; --precision f32 keeps them",
+            text::number(tally.clamped_voxels, "voxel"),
+        );
+        note(progress, &text);
+    }
+
     let content = text::hexadecimal(&tally.content_hash);
     let header = job.file_header(&content)?;
     let bytes = write(&mut output, job, &header, &grid, interrupt)
@@ -235,12 +257,16 @@ fn bake(
         time: job.settings.time,
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         searched_voxels: tally.searched_voxels,
         bisected_voxels: tally.bisected_voxels,
         inside_voxels: tally.inside_voxels,
+        several_feet_voxels: tally.several_feet_voxels,
+        beyond_focal_voxels: tally.beyond_focal_voxels,
         active_voxels: tally.active_voxels,
+        clamped_voxels: tally.clamped_voxels,
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,
@@ -251,6 +277,8 @@ fn bake(
         simd: Level::best().name(),
         mass_ratio: None,
         left_out: job.field.left_out(job.lattice),
+        warnings: text::warnings(job.scene.warnings()),
+        sampling_errors: sampling_errors(&job.scene),
         content_sha256: content,
         uuid: header.uuid.to_string(),
     })
@@ -263,7 +291,7 @@ fn evaluate(
     interrupt: &Interrupt,
     progress: &mut Progress,
 ) -> Result<(VdbGridBuilder, Tally, Phases), Failure> {
-    let mut sink = Watched { inner: VdbGridBuilder::new(job.compression), interrupt };
+    let mut sink = Watched { inner: VdbGridBuilder::with_encoder(job.encoder), interrupt };
     let cutoff = job.scene.bake().cutoff;
     let advance = |bricks| progress.advance(bricks);
     let (tally, phases) =
@@ -385,6 +413,7 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
     }
     if explain {
         table.rows("left out", &report.left_out, "nothing");
+        SamplingError::show(&report.sampling_errors, &mut table);
     }
     table.finish()
 }

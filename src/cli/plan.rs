@@ -1,5 +1,6 @@
 //! `vdbake plan`: what a bake would take.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -7,11 +8,12 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 
-use super::job::{Job, Moment, Options, Source};
+use super::job::{Job, Moment, Options, SamplingError, Source, sampling_errors};
 use super::progress::Planning;
 use super::{Failure, Global, text};
 use crate::formats::vdb::{self, Compression, GridBound, VdbGridBuilder};
 use crate::num::Level;
+use crate::scene::Scene;
 use crate::volume::{self, Plan};
 
 /// Bricks that are baked for the estimates: one sample after the other, as long as there is time.
@@ -41,6 +43,7 @@ struct Report {
     bounds: Option<[[f64; 3]; 2]>,
     /// Voxels along each side of that box.
     dimensions: [u64; 3],
+    precision: &'static str,
     compression: &'static str,
     /// All that would be searched; some may stay empty.
     planned_bricks: u64,
@@ -49,6 +52,10 @@ struct Report {
     threads: usize,
     simd: String,
     left_out: Vec<String>,
+    /// What in the scene is hardly meant, each with its line and column.
+    warnings: Vec<String>,
+    /// How far radii that are read from files may be off between their samples.
+    sampling_errors: Vec<SamplingError>,
 }
 
 /// Upper bounds.
@@ -105,17 +112,21 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let source = Source::read(&arguments.scene, &options.scene)?;
     let moments = options.moments(&source)?;
     if !options.is_sequence() {
-        let report = pool.install(|| plan(&source, moments[0], options, started, PATIENCE))?;
+        let (report, scene) = pool.install(|| plan(&source, moments[0], options, started, PATIENCE))?;
         drop(planning);
+        global.warn_of(scene.warnings());
         return global.show(&report, |report| human(report, options.explain));
     }
     moments.iter().try_for_each(|moment| source.start.at(moment.time).map(drop))?;
     #[allow(clippy::cast_precision_loss, reason = "patience is not precise")]
     let patience = PATIENCE.min(ALL_PATIENCE / moments.len() as f64);
-    let mut total = Total::default();
+    let (mut total, mut told) = (Total::default(), BTreeSet::new());
     for moment in &moments {
-        let report = pool.install(|| plan(&source, *moment, options, started, patience))?;
+        let (report, scene) = pool.install(|| plan(&source, *moment, options, started, patience))?;
         planning = None;
+        if told.insert(text::warnings(scene.warnings())) {
+            global.warn_of(scene.warnings());
+        }
         total.add(&report);
         global.show_one(&report, |report| brief(report, options.explain))?;
         started = Instant::now();
@@ -124,26 +135,27 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.show_one(&total, all)
 }
 
-/// Plans one file. `started` is when this was begun, `patience` what `estimate` has.
+/// Plans one file; gives the scene, too. `started` is when this was begun, `patience` what `estimate` has.
 fn plan(
     source: &Source,
     moment: Moment,
     options: &Options,
     started: Instant,
     patience: f64,
-) -> Result<Report, Failure> {
+) -> Result<(Report, Scene), Failure> {
     let job = Job::new(source, moment, options)?;
     let plan = job.plan()?;
     let planning = started.elapsed().as_secs_f64();
-    let bound = GridBound::new(job.compression, plan.origins());
+    let bound = GridBound::new::<f32>(job.encoder, plan.origins());
     let empty = empty_file(&job)?;
-    Ok(Report {
+    let report = Report {
         scene: job.scene.name().to_owned(),
         frame: moment.frame,
         time: job.settings.time,
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
         dimensions: job.dimensions(),
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         at_most: Limits {
@@ -155,13 +167,16 @@ fn plan(
         threads: rayon::current_num_threads(),
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice),
-    })
+        warnings: text::warnings(job.scene.warnings()),
+        sampling_errors: sampling_errors(&job.scene),
+    };
+    Ok((report, job.scene))
 }
 
 /// Bytes of the file if no voxel were active. All of it that depends on the density has a fixed length.
 fn empty_file(job: &Job) -> Result<u64, Failure> {
     let header = job.file_header(&"0".repeat(64))?;
-    let grid = VdbGridBuilder::new(job.compression);
+    let grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
     vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)])
         .map_err(|error| Failure::failed("cannot measure the file").because(error))
 }
@@ -180,7 +195,7 @@ fn estimate(
     let mut sizes = SAMPLES.into_iter();
     let (sample, grid, tally, phases) = loop {
         let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
-        let mut grid = VdbGridBuilder::new(job.compression);
+        let mut grid = VdbGridBuilder::with_encoder(job.encoder);
         let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
             .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
         let long = started.elapsed().as_secs_f64() > patience;
@@ -194,7 +209,7 @@ fn estimate(
     };
     // The nodes above leaves take their full size only where nothing is compressed.
     let nodes = bound.masks - 64 * plan.bricks() as u64
-        + if job.compression == Compression::None { bound.entries } else { 0 };
+        + if job.encoder.compression() == Compression::None { bound.entries } else { 0 };
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let (factor, threads) =
         (plan.bricks() as f64 / sample.bricks().max(1) as f64, rayon::current_num_threads() as f64);
@@ -272,6 +287,7 @@ fn human(report: &Report, explain: bool) -> String {
     );
     if explain {
         table.rows("left out", &report.left_out, "nothing");
+        SamplingError::show(&report.sampling_errors, &mut table);
     }
     table.finish()
 }

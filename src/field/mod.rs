@@ -23,6 +23,10 @@
 //! continuous on both sides. (Where the tangent reverses, the axis of that turn is the normal of the plane that a cusp lies
 //! in, or the frame's U in a fold.)
 //!
+//! A closed curve has no ends, and no fade there: its last segment is followed by its first, at a joint like any other. Its
+//! frame closes too (`Curve::frame`), so that u and v go on across that joint where the twist is a number of whole turns;
+//! l falls from its largest value to 0 there.
+//!
 //! ```text
 //! f_i     = gain * focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)      for each foot i
 //! tube    = join of f_i over its feet, by the tube's overlap rule
@@ -72,8 +76,10 @@
 mod cover;
 mod explain;
 mod extent;
+mod join;
 pub mod kernel;
 mod narrow;
+mod radius;
 mod region;
 mod span;
 mod tube;
@@ -85,7 +91,7 @@ pub use extent::extent;
 pub use narrow::Candidate;
 pub use region::Region;
 
-use crate::scene::Scene;
+use crate::scene::{Overlap, Scene};
 use tube::Tube;
 
 /// The cubic arrangement of voxels: voxel i along an axis is the cell from `i h` to `(i + 1) h` and its sample is the
@@ -124,14 +130,27 @@ pub const VOXELS: usize = EDGE * EDGE * EDGE;
 #[derive(Debug, Clone)]
 pub struct Field {
     tubes: Vec<Tube>,
+    overlap: Overlap,
     octave_fade: bool,
+    widen: bool,
 }
 
 impl Field {
     /// Compiles the scene as it is at its time. Stages that it does not use are left out.
     pub fn compile(scene: &Scene) -> Field {
         let tubes = scene.tubes().iter().map(Tube::compile).collect();
-        Field { tubes, octave_fade: scene.bake().octave_fade }
+        let bake = scene.bake();
+        Field { tubes, overlap: scene.overlap(), octave_fade: bake.octave_fade, widen: bake.widen }
+    }
+
+    /// Widens what is too thin for a lattice, where the scene says so. Without this the field is that of an endlessly fine
+    /// lattice, octaves apart.
+    pub fn widen(&mut self, lattice: Lattice) {
+        if self.widen {
+            for tube in &mut self.tubes {
+                tube.widen(lattice.voxel_size);
+            }
+        }
     }
 
     /// Corners of the box around the density, in metres; `None` where there is none.

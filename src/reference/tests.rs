@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
-use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase};
+use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase, Warnings};
 use glam::DVec3;
 
 /// Uniform numbers in [0, 1) (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
@@ -32,6 +32,7 @@ fn tube(segments: Vec<Segment>) -> Tube {
         name: "tube".into(),
         curve: Curve::new(segments, FrameRule::RotationMinimising).unwrap(),
         radius: Profile::constant(0.5).unwrap(),
+        sampling_error: None,
         twist: 0.0,
         spin: 0.0,
         turned: 0.0,
@@ -57,6 +58,8 @@ fn scene(tubes: Vec<Tube>) -> Scene {
         camera: Camera::default(),
         lights: Vec::new(),
         text: String::new(),
+        inputs: Vec::new(),
+        warnings: Warnings::default(),
         origin: String::new(),
         seconds: 0.0,
         moving: false,

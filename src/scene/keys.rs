@@ -36,14 +36,14 @@ pub(super) static TUBE: Section = Section {
 
 pub(super) static CURVE: Section = Section {
     name: "curve",
-    keys: &["kind", "points"],
-    later: &[
-        (
-            "closed",
-            "this version takes open quadratic and cubic curves; to close one, end it where it starts",
-        ),
-        ("file", "this version takes quadratic and cubic curves whose `points` are in the scene"),
-    ],
+    keys: &["kind", "points", "file", "closed", "alpha", "scale", "about"],
+    later: &[],
+};
+
+pub(super) static RADIUS: Section = Section {
+    name: "radius",
+    keys: &["kind", "mean", "amplitude", "waves", "phase", "from", "to", "power", "file"],
+    later: &[],
 };
 
 /// A number that changes over time.
@@ -90,5 +90,7 @@ pub(super) static LIGHT: Section =
     Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
 
 /// All of them, in the order of a scene.
-pub(super) static SECTIONS: [&Section; 13] =
-    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ORBIT, &TRACK, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA, &LIGHT];
+pub(super) static SECTIONS: [&Section; 14] = [
+    &ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ORBIT, &TRACK, &RADIUS, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA,
+    &LIGHT,
+];

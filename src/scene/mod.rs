@@ -1,6 +1,6 @@
 //! Scene text to a [`Scene`], which cannot be invalid.
 //!
-//! [`Scene::parse`] is the only way to make one. Everything after it can rely on what is stated here: every number is
+//! [`Scene::parse`], and [`Scene::load`] for texts that name files, are the only ways to make one. Everything after it can rely on what is stated here: every number is
 //! finite and inside the range written beside it, every curve has a length, every name is unique. Beyond that no number
 //! exceeds 1e9, none that must be above 0 falls below 1e-9, no octave has more than 1e18 cells per unit, and no tube's layers
 //! reach 1e30, so that what is computed from a scene stays finite.
@@ -13,12 +13,16 @@
 
 mod axis;
 mod error;
+mod input;
 mod keys;
 mod layer;
 pub(crate) mod limit;
 mod motion;
 mod parse;
+mod profile;
 mod reader;
+mod rows;
+mod seams;
 mod syntax;
 #[cfg(test)]
 mod tests;
@@ -26,7 +30,8 @@ mod track;
 mod tube;
 mod view;
 
-pub use error::{Fault, SceneErrors};
+pub use error::{Fault, SceneErrors, Warnings};
+pub use input::{Input, Load, MOST_INPUT};
 
 use crate::curve::{Curve, FrameRule, Profile};
 
@@ -42,6 +47,8 @@ pub struct Scene {
     pub(crate) camera: Camera,
     pub(crate) lights: Vec<Light>,
     pub(crate) text: String,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) warnings: Warnings,
     /// Name of the file that the text is from.
     pub(crate) origin: String,
     /// Since the start frame.
@@ -100,6 +107,9 @@ pub struct Tube {
     pub curve: Curve,
     /// Radius in metres over the fraction of the arc length.
     pub radius: Profile,
+    /// Where the radius is through samples of a file: an estimate of its error between them, in metres
+    /// ([`sampling_error`](crate::curve::sampling_error)).
+    pub sampling_error: Option<f64>,
     /// Turns from end to end, right-handed about the tangent.
     pub twist: f64,
     /// Turns a second at the scene's time.
@@ -110,7 +120,7 @@ pub struct Tube {
     pub stretch: bool,
     /// The frame that carries the cylinder's cross-section along the curve.
     pub frame: FrameRule,
-    /// What happens at the two ends.
+    /// What happens at the two ends; flat for a closed curve, which has none.
     pub caps: Caps,
     /// Density against the distance to the axis.
     pub radial: Radial,
@@ -316,5 +326,13 @@ impl Scene {
     /// The text that the scene was read from.
     pub fn text(&self) -> &str {
         &self.text
+    }
+    /// The files that the text names, each once.
+    pub fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+    /// What in the text is valid, but hardly meant.
+    pub fn warnings(&self) -> &Warnings {
+        &self.warnings
     }
 }

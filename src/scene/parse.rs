@@ -1,11 +1,13 @@
 //! A whole scene: its top level, `[bake]` and `[time]`.
 
 use std::cell::Cell;
+use std::io;
 use std::path::Path;
 
 use toml::de::DeTable;
 
-use super::error::{Fault, Faults, SceneErrors};
+use super::error::{Fault, Faults, SceneErrors, Warnings};
+use super::input::{Inputs, Load};
 use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
 use super::limit::LARGEST_FRAME;
 use super::motion::Clock;
@@ -24,14 +26,25 @@ static GRIDS: Words<()> = Words {
 };
 
 impl Scene {
-    /// Reads a scene from TOML text, as it is at time 0. `origin` is the name of its file: messages show it, and its stem names a scene
+    /// Reads a scene from TOML text that names no files, as it is at time 0. `origin` is the name of its file: messages show it, and its stem names a scene
     /// that does not name itself. A byte order mark is passed over.
     ///
     /// # Errors
     ///
     /// All faults of the text at once, each with its line and column.
     pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneErrors> {
-        read(text, origin, 0.0, None)
+        let unread = "this text is read without its files";
+        Scene::load(text, origin, &|_| Err(io::Error::new(io::ErrorKind::Unsupported, unread)))
+    }
+
+    /// Reads a scene from TOML text, and the files that it names by `load`, each once. The rest is as for
+    /// [`Scene::parse`].
+    ///
+    /// # Errors
+    ///
+    /// All faults of the text at once; those of a file, of which only the first is told, at the place of its name.
+    pub fn load(text: &str, origin: &str, load: &Load<'_>) -> Result<Scene, SceneErrors> {
+        read(text, origin, 0.0, load, None)
     }
 
     /// Reads a scene as it is `seconds` after its start frame.
@@ -58,23 +71,34 @@ impl Scene {
     /// If the time is not within 1e9 seconds of the start frame.
     pub fn at(&self, seconds: f64) -> Result<Scene, SceneErrors> {
         assert!(limit::ANY.admits(seconds), "{seconds} seconds are no time of a scene");
-        read(&self.text, &self.origin, seconds, Some(self))
+        let load = |path: &str| {
+            let known = self.inputs.iter().find(|input| input.path == path);
+            known.map(|input| input.bytes.to_vec()).ok_or_else(|| io::ErrorKind::NotFound.into())
+        };
+        read(&self.text, &self.origin, seconds, &load, Some(self))
     }
 }
 
 /// Reads a scene at a time. `known` is the same one at any time, if it has been read before.
-fn read(text: &str, origin: &str, seconds: f64, known: Option<&Scene>) -> Result<Scene, SceneErrors> {
+fn read(
+    text: &str,
+    origin: &str,
+    seconds: f64,
+    load: &Load<'_>,
+    known: Option<&Scene>,
+) -> Result<Scene, SceneErrors> {
+    let inputs = Inputs::new(load);
     let body = text.strip_prefix('\u{feff}').unwrap_or(text);
     let (document, errors) = DeTable::parse_recoverable(body);
     let faults = Faults::default();
     let clock = Clock { seconds, moving: Cell::new(false) };
     let root = Reader::new(document.get_ref(), document.span(), &ROOT, &faults);
-    let scene = Scene {
+    let mut scene = Scene {
         name: root.get("name").and_then(name).unwrap_or_else(|| stem(origin)),
         bake: bake(&root),
         time: time(&root),
         overlap: root.word("overlap", &tube::OVERLAP).unwrap_or(Overlap::Max),
-        tubes: tube::tubes(&root.timed(&clock).tables("tube", &TUBE), known.map(Scene::tubes)),
+        tubes: tube::tubes(&root.timed(&clock).tables("tube", &TUBE), &inputs, known.map(Scene::tubes)),
         medium: view::medium(root.table("medium", &MEDIUM)),
         camera: view::camera(&root),
         lights: root.tables("light", &LIGHT).iter().map(view::light).collect(),
@@ -82,7 +106,11 @@ fn read(text: &str, origin: &str, seconds: f64, known: Option<&Scene>) -> Result
         origin: origin.to_owned(),
         seconds,
         moving: clock.moving.get(),
+        inputs: vec![],
+        warnings: Warnings::default(),
     };
+    scene.inputs = inputs.into_list();
+    scene.warnings = faults.take_warnings(origin, body);
     syntax::report(body, document.get_ref(), &errors, &faults);
     if let Some(known) = known {
         // What is wrong now was not when the scene was first read.

@@ -55,6 +55,11 @@ impl<'a> Reader<'a> {
         self.faults.report(fault);
     }
 
+    /// Keeps what is no fault, but hardly meant.
+    pub(super) fn warn(&self, warning: Fault) {
+        self.faults.warn(warning);
+    }
+
     /// The value of a key, where it is given.
     pub(super) fn get(&self, key: &'static str) -> Option<Item<'a>> {
         self.table.get(key).map(|value| Item { key, value, faults: self.faults, clock: self.clock })

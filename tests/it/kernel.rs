@@ -16,7 +16,7 @@ pub(crate) fn shipped(name: &str) -> Scene {
     Scene::parse(&text, &path).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-fn scene(text: &str) -> Scene {
+pub(crate) fn scene(text: &str) -> Scene {
     Scene::parse(text, "test.toml").unwrap_or_else(|errors| panic!("{errors}"))
 }
 
@@ -52,8 +52,9 @@ struct Errors {
 /// Kernel minus reference over about `count` voxels of planned bricks. Voxels within `edge` of a place where the density
 /// jumps are passed over: there a rounding decides.
 fn errors(scene: &Scene, resolution: f64, count: usize, edge: f64) -> Errors {
-    let field = Field::compile(scene);
+    let mut field = Field::compile(scene);
     let lattice = lattice(&field, resolution);
+    field.widen(lattice);
     let plan = Plan::new(&field, lattice, 1 << 32).expect("a small plan");
     let mut store = Store::default();
     let Ok(_) = bake(&field, &plan, 0.0, Level::best(), &mut store, |_| ());

@@ -19,6 +19,16 @@ pub(crate) const RESOLUTION: &str = "64";
 /// Every form in which values are stored.
 pub(crate) const COMPRESSIONS: [&str; 3] = ["blosc", "zip", "none"];
 
+/// Every precision and compression together, as options of the program.
+pub(crate) const FORMS: [[&str; 4]; 6] = [
+    ["--compression", "blosc", "--precision", "f32"],
+    ["--compression", "zip", "--precision", "f32"],
+    ["--compression", "none", "--precision", "f32"],
+    ["--compression", "blosc", "--precision", "f16"],
+    ["--compression", "zip", "--precision", "f16"],
+    ["--compression", "none", "--precision", "f16"],
+];
+
 /// A straight solid tube: whole bricks inside it have one value, so they are stored as tiles.
 pub(crate) const SOLID: &str = r#"
 name = "solid"
@@ -82,6 +92,15 @@ pub(crate) fn bake(scene: &Path, folder: &Path, options: &[&str]) -> Baked {
     let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object on stdout");
     let voxel_size = report["voxel_size"].as_f64().expect("voxel_size is a number");
     Baked { path, report, voxel_size }
+}
+
+/// The active voxels that the library finds in a scene, rounded as one of [`FORMS`] says, sorted by index.
+pub(crate) fn rounded(scene: &Path, voxel_size: f64, form: [&str; 4]) -> Vec<Voxel> {
+    let mut voxels = evaluated(scene, voxel_size);
+    if form[3] == "f16" {
+        voxels.iter_mut().for_each(|voxel| voxel.1 = half::f16::from_f32(voxel.1).to_f32());
+    }
+    voxels
 }
 
 /// The active voxels that the library finds in a scene, sorted by index.

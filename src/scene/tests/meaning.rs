@@ -1,8 +1,8 @@
 //! What valid texts mean.
 
 use crate::curve::{FrameRule, Profile};
-use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ORBIT, REST, ROOT, SECTIONS, TRACK};
-use crate::scene::{Camera, Caps, Fbm, Light, Op, Pattern, Radial, Scene, Step, TimeBase};
+use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ORBIT, RADIUS, REST, ROOT, SECTIONS, TRACK};
+use crate::scene::{Camera, Caps, Conserve, Fbm, Light, Op, Overlap, Pattern, Radial, Scene, Step, TimeBase};
 
 const SKETCH: &str = r#"
 name = "tornado"
@@ -116,6 +116,32 @@ fn empty_text_is_an_empty_scene_named_after_its_file() {
 }
 
 #[test]
+fn words_for_overlap_and_conservation() {
+    for (word, rule) in [
+        ("max", Overlap::Max),
+        ("sum", Overlap::Sum),
+        ("closest", Overlap::Closest),
+        ("blend", Overlap::Blend),
+    ] {
+        assert_eq!(scene(&format!("overlap = \"{word}\"")).overlap(), rule);
+        assert_eq!(tube(&format!("overlap = \"{word}\"")).tubes()[0].overlap, rule);
+    }
+    for (word, conserve) in [("off", Conserve::Off), ("radius", Conserve::Radius), ("full", Conserve::Full)] {
+        assert_eq!(tube(&format!("conserve = \"{word}\"")).tubes()[0].conserve, conserve);
+    }
+    assert!(!scene("[bake]\nwiden = false").bake().widen && scene("[bake]").bake().widen);
+}
+
+#[test]
+fn the_rest_cylinder_is_as_large_as_the_tube_unless_told() {
+    // The mean square of a cone from 0 to 3 is 3.
+    let rest = tube("radius = [[0, 0], [1, 3]]").tubes()[0].rest;
+    assert!((rest.radius - 3.0_f64.sqrt()).abs() < 1e-15 && rest.length == 2.0);
+    let rest = tube("rest = { radius = 0.5 }").tubes()[0].rest;
+    assert_eq!((rest.radius, rest.length), (0.5, 2.0));
+}
+
+#[test]
 fn tube_of_only_a_curve() {
     let scene = tube("");
     let tube = &scene.tubes()[0];
@@ -190,7 +216,7 @@ fn every_listed_key_is_read() {
                 name if name == ROOT.name => wrong,
                 name if name == TRACK.name => format!("[[tube]]\ntwist = {{ {inline} }}\n"),
                 name if name == ORBIT.name => format!("[[tube]]\ncurve = {{ points = [{{ {inline} }}] }}\n"),
-                name if [CURVE.name, ENVELOPE.name, REST.name].contains(&name) => {
+                name if [&CURVE, &RADIUS, &ENVELOPE, &REST].iter().any(|section| section.name == name) => {
                     format!("[[tube]]\n[tube.{name}]\n{wrong}")
                 }
                 name if name == LAYER.name => format!("[[tube]]\n{name}\n{wrong}"),

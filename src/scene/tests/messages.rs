@@ -111,32 +111,6 @@ error: a segment without length
 }
 
 #[test]
-fn curves_of_later_versions() {
-    let text = r#"[[tube]]
-curve = { kind = "catmull-rom", file = "arm.csv", closed = true }
-"#;
-    let expected = r#"
-error: `kind` "catmull-rom" is not in this version
- --> scene.toml:2:18
-  |
-2 | curve = { kind = "catmull-rom", file = "arm.csv", closed = true }
-  |                  ^^^^^^^^^^^^^ this version takes "quadratic" and "cubic" chains of Bezier segments
-
-error: key `file` of curve is not in this version
- --> scene.toml:2:33
-  |
-2 | curve = { kind = "catmull-rom", file = "arm.csv", closed = true }
-  |                                 ^^^^ this version takes quadratic and cubic curves whose `points` are in the scene
-
-error: key `closed` of curve is not in this version
- --> scene.toml:2:51
-  |
-2 | curve = { kind = "catmull-rom", file = "arm.csv", closed = true }
-  |                                                   ^^^^^^ this version takes open quadratic and cubic curves; to close one, end it where it starts"#;
-    assert_eq!(messages(text), expected.trim_start());
-}
-
-#[test]
 fn tube_without_a_curve() {
     let text = r#"[[tube]]
 name = "funnel"

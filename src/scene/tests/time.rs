@@ -58,7 +58,7 @@ fn every_kind_of_number_of_a_tube_moves() {
     let close =
         |found: f64, expected: f64| assert!((found - expected).abs() < 1e-15, "{found}, not {expected}");
     close(tube.radius.at(0.0), 0.2);
-    close(tube.radius.keys()[1].0, 0.5);
+    close(tube.radius.knots()[0], 0.5);
     close(tube.twist, -2.0);
     close(tube.rest.radius, 2.0);
     close(tube.rest.length, 1.5);
