@@ -12,13 +12,14 @@ use serde::Serialize;
 use super::frames::{self, Pattern};
 use super::interrupt::{Interrupt, Stopped, Watched};
 use super::job::{self, Job, Moment, Options, SamplingError, Source, sampling_errors};
+use super::mass::Mass;
 use super::output::Output;
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, print, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
 use crate::scene::Scene;
-use crate::volume::{self, LARGEST_F16, Phases, Plan, Tally};
+use crate::volume::{self, LARGEST_F16, Phases, Plan, RestMass, Tally};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -62,8 +63,16 @@ struct Report {
     peak_rss_bytes: Option<u64>,
     threads: usize,
     simd: String,
-    /// Null: no density is compared with a cylinder at rest.
+    /// Mass of the bake over that at rest; null where there is none at rest.
     mass_ratio: Option<f64>,
+    /// Relative error of it.
+    mass_ratio_error: Option<f64>,
+    /// Part of the mass at rest that has no image.
+    lost_mass: Option<f64>,
+    mass: Mass,
+    /// What makes the ratio other than 1: for people.
+    #[serde(skip)]
+    mass_notes: Vec<String>,
     left_out: Vec<String>,
     /// What in the scene is hardly meant, each with its line and column.
     warnings: Vec<String>,
@@ -220,7 +229,11 @@ fn bake(
     interrupt.hold();
     let mut output = Output::create(path)?;
     progress.begin(plan.bricks());
-    let (grid, tally, phases) = pool.install(|| evaluate(job, plan, interrupt, progress))?;
+    let (grid, tally, mut phases) = pool.install(|| evaluate(job, plan, interrupt, progress))?;
+    let baked = clock.read();
+    let rest = pool.install(|| RestMass::beside(&job.field, &job.scene, job.lattice, &tally, Level::best()));
+    phases.evaluate += clock.read()[1] - baked[1];
+    let mass = Mass::new(&tally, &rest, job.lattice);
     let evaluated = clock.read();
     if plan.bricks() > 0 && tally.active_voxels == 0 {
         note(
@@ -275,7 +288,11 @@ fn bake(
         peak_rss_bytes: machine::peak_memory(),
         threads: pool.current_num_threads(),
         simd: Level::best().name(),
-        mass_ratio: None,
+        mass_ratio: mass.ratio(),
+        mass_ratio_error: mass.ratio_error(),
+        lost_mass: mass.lost(),
+        mass_notes: mass.notes(&job.scene),
+        mass,
         left_out: job.field.left_out(job.lattice),
         warnings: text::warnings(job.scene.warnings()),
         sampling_errors: sampling_errors(&job.scene),
@@ -408,10 +425,12 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
             text::seconds(times.write),
         ),
     );
+    table.row("mass", report.mass.line());
     if let Some(peak) = report.peak_rss_bytes {
         table.row("peak memory", text::bytes(peak));
     }
     if explain {
+        table.rows("mass", &report.mass_notes, "none at rest");
         table.rows("left out", &report.left_out, "nothing");
         SamplingError::show(&report.sampling_errors, &mut table);
     }

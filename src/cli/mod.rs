@@ -10,6 +10,7 @@ mod info;
 mod interrupt;
 mod job;
 mod machine;
+mod mass;
 mod memory;
 mod output;
 mod plan;

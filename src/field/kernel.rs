@@ -43,8 +43,8 @@ pub enum Places<'a, T> {
 #[derive(Debug, Clone)]
 pub struct Scratch<T> {
     eta: Vec<T>,
-    u: Vec<T>,
-    v: Vec<T>,
+    pub(super) u: Vec<T>,
+    pub(super) v: Vec<T>,
     pub(super) height: Vec<T>,
     pub(super) weight: Vec<T>,
     /// Voxels inside, a word for each batch of lanes.
@@ -144,7 +144,7 @@ pub fn evaluate<R: Real>(
                     coordinates::<R>(token, piece, places, apart, scratch)
                 }
             };
-            layers::<R>(token, region, piece, scratch, packed);
+            layers::<R>(token, region, piece.layers, piece.fades, scratch, packed);
             if apart {
                 join::feet::<R>(token, tube, piece.arc, scratch);
             } else {
@@ -584,10 +584,11 @@ fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R, height: R)
 
 /// The density of the packed voxels: envelope times layers. It takes the place of the weights.
 #[inline(always)]
-fn layers<R: Real>(
+pub(super) fn layers<R: Real>(
     token: R::Token,
     region: &Region<R::Scalar>,
-    piece: &Piece<R::Scalar>,
+    [start, end]: [usize; 2],
+    fades: bool,
     scratch: &mut Scratch<R::Scalar>,
     packed: usize,
 ) {
@@ -597,7 +598,7 @@ fn layers<R: Real>(
         let v = R::load(token, &scratch.v[first..]);
         let height = R::load(token, &scratch.height[first..]);
         let mut value = R::constant(token, 1.0);
-        for layer in &region.layers[piece.layers[0]..piece.layers[1]] {
+        for layer in &region.layers[start..end] {
             let mut term = match &layer.kind {
                 LayerKind::Constant(constant) => R::splat(token, *constant),
                 LayerKind::Sectors => {
@@ -606,7 +607,7 @@ fn layers<R: Real>(
                 }
                 LayerKind::Fractal { octaves, rates } => {
                     let mut sum = R::constant(token, 0.0);
-                    let log2 = if piece.fades {
+                    let log2 = if fades {
                         let radius = R::load(token, &scratch.radius[first..]);
                         log2_rate(token, rates, radius, R::load(token, &scratch.q[first..]))
                     } else {

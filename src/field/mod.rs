@@ -81,6 +81,7 @@ pub mod kernel;
 mod narrow;
 mod radius;
 mod region;
+pub mod rest;
 mod span;
 mod tube;
 

@@ -378,7 +378,7 @@ impl Field {
     }
 
     /// The tube's layers for feet whose arc length lies in `s`, with heights taken from that of `origin`.
-    fn layers<T: Scalar>(
+    pub(super) fn layers<T: Scalar>(
         &self,
         tube: &Tube,
         s: [f64; 2],

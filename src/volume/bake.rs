@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use super::dispatch::{activate, evaluate_block};
-use super::{Brick, Plan, Sink};
+use super::{Brick, Plan, Sink, Total};
 use crate::field::kernel::{Counts, Places, Scratch};
 use crate::field::{Field, Region, VOXELS};
 use crate::num::Level;
@@ -27,7 +27,7 @@ pub struct Phases {
 }
 
 /// What a bake did.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tally {
     /// Bricks with at least one active voxel.
     pub bricks: u64,
@@ -45,6 +45,8 @@ pub struct Tally {
     pub several_feet_voxels: u64,
     /// Voxels inside a tube but beyond its focal set: there the distance to its axis has a local maximum.
     pub beyond_focal_voxels: u64,
+    /// Sum of all stored values.
+    pub total: Total,
     /// SHA-256 over all active bricks in file order: see [`bake`].
     pub content_hash: [u8; 32],
 }
@@ -94,6 +96,7 @@ pub fn bake<S: Sink>(
             for digest in &done.digests {
                 hash.update(digest);
             }
+            done.totals.iter().for_each(|total| tally.total.add(total));
             sink.append(done.run)?;
         }
         phases.append += appending.elapsed().as_secs_f64();
@@ -113,6 +116,8 @@ fn single(x: f64) -> f32 {
 struct Done<Run> {
     run: Run,
     digests: Vec<[u8; 32]>,
+    /// Brick by brick: the order of the sum must not depend on how bricks are put in runs.
+    totals: Vec<Total>,
     active: u64,
     clamped: u64,
     counts: Counts,
@@ -142,6 +147,7 @@ impl Worker {
         let mut done = Done {
             run: S::Run::default(),
             digests: Vec::new(),
+            totals: Vec::new(),
             active: 0,
             clamped: 0,
             counts: Counts::default(),
@@ -171,6 +177,7 @@ impl Worker {
         let evaluated = ThreadTime::now();
         for brick in &self.bricks {
             done.digests.push(digest(brick));
+            done.totals.push(Total::of(&brick.values));
             sink.encode(brick, &mut done.run);
         }
         done.encode = evaluated.elapsed().as_secs_f64();

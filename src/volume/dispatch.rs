@@ -4,7 +4,7 @@
 
 use super::Brick;
 use crate::field::kernel::{Counts, Places, Scratch, evaluate};
-use crate::field::{Region, VOXELS};
+use crate::field::{Region, VOXELS, rest};
 use crate::num::{Level, Real, WithLevel, with_level};
 
 /// The density at 512 places of a block.
@@ -23,6 +23,33 @@ pub(super) fn evaluate_block(
 #[inline(never)]
 pub(super) fn activate(level: Level, cutoff: f32, brick: &mut Brick) {
     with_level(level, Activate { cutoff, brick });
+}
+
+/// What the layers make at `count` places of a slice at rest.
+#[inline(never)]
+pub(super) fn evaluate_slice(
+    level: Level,
+    region: &Region<f32>,
+    fades: bool,
+    scratch: &mut Scratch<f32>,
+    count: usize,
+) {
+    with_level(level, Slice { region, fades, scratch, count });
+}
+
+struct Slice<'a> {
+    region: &'a Region<f32>,
+    fades: bool,
+    scratch: &'a mut Scratch<f32>,
+    count: usize,
+}
+
+impl WithLevel for Slice<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
+        rest::evaluate::<R>(token, self.region, self.fades, self.scratch, self.count);
+    }
 }
 
 struct Evaluate<'a> {
