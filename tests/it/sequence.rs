@@ -151,6 +151,37 @@ fn all_frames_and_times_have_one_lattice() {
     assert_ne!(open["voxel_size"], own["voxel_size"]);
 }
 
+/// Mass is compared with the cylinder that the tube was at its start, so a tube that grows thins out.
+#[test]
+fn a_tube_that_grows_keeps_its_mass() {
+    let folder = folder();
+    let text = r#"
+[time]
+fps = 1
+end = 3
+[[tube]]
+radius = { keys = [[0, 0.2], [2, 0.3]] }
+conserve = "full"
+[tube.curve]
+points = [[0, 0, 0], [0.5, 0, 1], [0, 0, 2]]
+scale = { keys = [[0, 1], [2, 1.5]] }
+"#;
+    for (conserve, growth) in [("full", 1.0), ("off", 1.5_f64.powi(3))] {
+        folder.put("grow.toml", text.replace("full", conserve));
+        let reports = lines(&folder, &["bake", "grow.toml", "--frames", "all", "--voxel-size", "0.03"]);
+        let mass = |frame: usize| reports[frame]["mass"]["baked"].as_f64().expect("a mass");
+        // The density is smooth, and 13 voxels across the tube integrate it well; the whole of it grows alike, curvature
+        // included, so that gain is everywhere that of volume.
+        assert!(
+            (mass(2) / mass(0) - growth).abs() < 0.01 * growth,
+            "{conserve}: {} then {}",
+            mass(0),
+            mass(2)
+        );
+        assert_eq!(reports[0]["mass"]["rest"], reports[2]["mass"]["rest"]);
+    }
+}
+
 #[test]
 fn the_command_line_is_checked_first() {
     let folder = folder();
