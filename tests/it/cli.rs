@@ -286,9 +286,10 @@ fn a_bake_takes_no_more_memory_than_its_plan_says() {
     let folder = Folder::new();
     for scene in crate::support::scenes() {
         let scene = scene.to_str().expect("UTF-8");
-        for (resolution, compression) in [("48", "blosc"), ("200", "none")] {
-            let settings = ["--resolution", resolution, "--compression", compression, "--threads", "3"];
-            let with = |command| folder.json(&[&[command, scene][..], &settings].concat());
+        let forms = crate::support::FORMS;
+        for (resolution, form) in [("48", forms[0]), ("200", forms[2]), ("200", forms[5])] {
+            let settings = ["--resolution", resolution, "--threads", "3"];
+            let with = |command| folder.json(&[&[command, scene][..], &settings, &form].concat());
             let most = number(&with("plan")["at_most"]["memory_bytes"]);
             let peak = number(&with("bake")["peak_rss_bytes"]);
             assert!(peak <= most, "{scene} at {resolution}: {peak} bytes, at most {most}");
