@@ -75,6 +75,7 @@
 
 mod cover;
 mod explain;
+mod extent;
 mod join;
 pub mod kernel;
 mod narrow;
@@ -87,6 +88,7 @@ mod tube;
 use glam::DVec3;
 
 pub use cover::Capsule;
+pub use extent::extent;
 pub use narrow::Candidate;
 pub use region::Region;
 
