@@ -131,8 +131,9 @@ impl<T: Sampled> PartialTree<T> {
     /// # Errors
     /// [`NotRead`] for the first point that takes a leaf that was not read; [`Part::of_points`] has all that are taken.
     pub fn sample_at(&self, filter: Filter, points: &[DVec3]) -> Result<Vec<T::Wide>, NotRead> {
-        let missing =
-            points.par_iter().find_map_first(|point| cubes(filter, *point).find(|cube| !self.holds(*cube)));
+        let missing = |point: &DVec3| cubes(filter, *point).find(|cube| !self.holds(*cube));
+        // Of a whole tree none is missing.
+        let missing = self.0.slots.as_ref().and_then(|_| points.par_iter().find_map_first(missing));
         match missing {
             Some(index) => Err(NotRead { index }),
             None => Ok(sample_at(&self.0, filter, points)),
