@@ -92,7 +92,7 @@ fn every_shape_agrees_with_the_reference() {
 
 /// Densities at points, by the kernel.
 fn kernel(scene: &Scene, points: &[DVec3]) -> Vec<f64> {
-    let field = Field::compile(scene, 0.0);
+    let field = Field::compile(scene);
     let [lo, hi] = field.bounds().expect("density");
     let lattice = Lattice { voxel_size: (hi - lo).max_element() / 100.0 };
     let found = density_at(&field, lattice, points, Level::best(), 1 << 32).expect("a small plan");
@@ -101,8 +101,8 @@ fn kernel(scene: &Scene, points: &[DVec3]) -> Vec<f64> {
 
 /// By the reference, with the octaves fading as for [`kernel`].
 fn reference(scene: &Scene, points: &[DVec3]) -> Vec<f64> {
-    let [lo, hi] = Field::compile(scene, 0.0).bounds().expect("density");
-    let reference = Reference::new(scene, 0.0, Some((hi - lo).max_element() / 100.0));
+    let [lo, hi] = Field::compile(scene).bounds().expect("density");
+    let reference = Reference::new(scene, Some((hi - lo).max_element() / 100.0));
     points.par_iter().map(|p| reference.density(p.to_array())).collect()
 }
 
@@ -387,7 +387,7 @@ fn start_and_direction_of_a_closed_curve_change_only_where_coordinates_begin() {
         }
     }
     // Coordinates: l from the new origin, the angle from another zero but turning alike.
-    let coordinates = |control: &[DVec3]| Reference::new(&scene_of(control, "twist = 2\n"), 0.0, None);
+    let coordinates = |control: &[DVec3]| Reference::new(&scene_of(control, "twist = 2\n"), None);
     let [first, other, backwards] = [&control, &later, &back].map(|control| coordinates(control));
     let (mut shifts, mut zeros) = (vec![], vec![]);
     for p in &places {
