@@ -467,6 +467,7 @@ fn octaves_fade_by_cells_per_voxel() {
     tube.layers = vec![layer(Op::Multiply, Pattern::Constant(2.0), None, 1.0)];
     tube.layers.push(layer(Op::Add, Pattern::Perlin(noise), None, 1.0));
     let mut scene = scene(vec![tube]);
+    scene.bake.widen = false;
     let p = [0.1, 0.2, 0.7];
     let density = |scene: &Scene, h| Reference::new(scene, h).density(p);
     let full = density(&scene, None) - 2.0;

@@ -167,7 +167,7 @@ fn bake_reports_what_it_did() {
     assert_eq!(report["output"], "bent.vdb");
     assert_eq!(number(&report["bytes"]), folder.get("bent.vdb").len() as u64);
     assert_eq!(report["threads"], 2);
-    assert_eq!(report["mass_ratio"], Value::Null);
+    assert!(report["mass_ratio"].as_f64().is_some_and(|ratio| (0.5..1.5).contains(&ratio)), "{report}");
     assert!(report["simd"].is_string() && report["left_out"].is_array());
     assert!(number(&report["active_voxels"]) > 1000);
     assert!(number(&report["leaves"]) + number(&report["tiles"]) <= number(&report["planned_bricks"]));
@@ -267,8 +267,9 @@ fn plan_bounds_what_the_bake_takes() {
 fn plan_knows_the_length_of_an_empty_file() {
     let folder = Folder::new();
     folder.put("empty.toml", "");
+    folder.put("missed.toml", SCENE.replace("[bake]", "[bake]\nwiden = false"));
     // Without bricks nothing of the file depends on the density.
-    for arguments in [&["empty.toml"][..], &["bent.toml", "--voxel-size", "100"]] {
+    for arguments in [&["empty.toml"][..], &["missed.toml", "--voxel-size", "100"]] {
         let with = |command| folder.json(&[&[command], arguments].concat());
         let (plan, bake) = (with("plan"), with("bake"));
         assert_eq!(number(&plan["planned_bricks"]), 0);
