@@ -28,6 +28,7 @@ mod noise;
 mod piece;
 mod quadrature;
 mod radius;
+mod rest;
 mod roots;
 #[cfg(test)]
 mod tests;
@@ -118,7 +119,8 @@ impl Reference {
                 if let Some(at) = bent.cylindrical(&place, self.time)
                     && at.q() <= 1.0
                 {
-                    density = density.max(bent.contribution(&at, self.time, self.voxel_size));
+                    let fade = smoothstep(0.0, 0.2, at.focal);
+                    density = density.max(fade * bent.contribution(&at, self.time, self.voxel_size));
                 }
             }
         }
@@ -195,9 +197,9 @@ impl Bent {
         })
     }
 
+    /// The density of the tube before it is deformed.
     fn contribution(&self, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
-        let focal = smoothstep(0.0, 0.2, at.focal);
         let radial = match self.tube.radial {
             Radial::Smooth => (1.0 - distance * distance) * (1.0 - distance * distance),
             Radial::Linear => 1.0 - distance,
@@ -218,7 +220,7 @@ impl Bent {
                 Op::Min => term.min(value),
             };
         }
-        focal * radial * axial * value
+        radial * axial * value
     }
 
     fn term(&self, layer: &Layer, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {

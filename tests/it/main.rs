@@ -14,6 +14,7 @@ mod gates_oracle;
 mod hostile;
 mod kernel;
 mod layers;
+mod mass;
 mod noise;
 mod oracle;
 mod reader;
