@@ -9,14 +9,14 @@ use cpu_time::ProcessTime;
 use serde::Serialize;
 
 use super::interrupt::{Interrupt, Stopped, Watched};
-use super::job::{self, Job, Options};
+use super::job::{self, Job, Options, SamplingError, sampling_errors};
 use super::mass::Mass;
 use super::output::Output;
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, machine, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
-use crate::volume::{self, Phases, Plan, RestMass, Tally};
+use crate::volume::{self, LARGEST_F16, Phases, Plan, RestMass, Tally};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -38,12 +38,17 @@ struct Report {
     voxel_size: f64,
     /// Corners of the box around the density, in metres.
     bounds: Option<[[f64; 3]; 2]>,
+    precision: &'static str,
     compression: &'static str,
     planned_bricks: u64,
     searched_voxels: u64,
     bisected_voxels: u64,
     inside_voxels: u64,
+    several_feet_voxels: u64,
+    beyond_focal_voxels: u64,
     active_voxels: u64,
+    /// Of these, whose density was beyond the range of the precision, and was clamped.
+    clamped_voxels: u64,
     leaves: u64,
     tiles: u64,
     bytes: u64,
@@ -63,6 +68,10 @@ struct Report {
     #[serde(skip)]
     mass_notes: Vec<String>,
     left_out: Vec<String>,
+    /// What in the scene is hardly meant, each with its line and column.
+    warnings: Vec<String>,
+    /// How far radii that are read from files may be off between their samples.
+    sampling_errors: Vec<SamplingError>,
     content_sha256: String,
     uuid: String,
 }
@@ -90,6 +99,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let path = job::output_path(arguments.output.as_deref(), &job.scene);
     let plan = pool.install(|| job.plan())?;
     drop(planning);
+    global.warn_of(job.scene.warnings());
     if plan.bricks() == 0 {
         global.note(match job.bounds {
             None => "the scene holds no density; its grid is empty",
@@ -114,6 +124,13 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         );
     }
 
+    if tally.clamped_voxels > 0 {
+        global.note(&format!(
+            "{} of a density beyond {LARGEST_F16}, the largest 16-bit float, got that value; --precision f32 keeps them",
+            text::number(tally.clamped_voxels, "voxel"),
+        ));
+    }
+
     let content = text::hexadecimal(&tally.content_hash);
     let header = job.file_header(&content)?;
     let bytes = write(&mut output, &job, &header, &grid, &interrupt)
@@ -133,12 +150,16 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         time: job.settings.time,
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         searched_voxels: tally.searched_voxels,
         bisected_voxels: tally.bisected_voxels,
         inside_voxels: tally.inside_voxels,
+        several_feet_voxels: tally.several_feet_voxels,
+        beyond_focal_voxels: tally.beyond_focal_voxels,
         active_voxels: tally.active_voxels,
+        clamped_voxels: tally.clamped_voxels,
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,
@@ -153,6 +174,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         mass_notes: mass.notes(&job.scene),
         mass,
         left_out: job.field.left_out(job.lattice),
+        warnings: text::warnings(job.scene.warnings()),
+        sampling_errors: sampling_errors(&job.scene),
         content_sha256: content,
         uuid: header.uuid.to_string(),
     };
@@ -166,7 +189,7 @@ fn evaluate(
     interrupt: &Interrupt,
     progress: &mut Progress,
 ) -> Result<(VdbGridBuilder, Tally, Phases), Failure> {
-    let mut sink = Watched { inner: VdbGridBuilder::new(job.compression), interrupt };
+    let mut sink = Watched { inner: VdbGridBuilder::with_encoder(job.encoder), interrupt };
     let cutoff = job.scene.bake().cutoff;
     let advance = |bricks| progress.advance(bricks);
     let (tally, phases) =
@@ -274,6 +297,7 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
     if explain {
         table.rows("mass", &report.mass_notes, "none at rest");
         table.rows("left out", &report.left_out, "nothing");
+        SamplingError::show(&report.sampling_errors, &mut table);
     }
     table.finish()
 }

@@ -105,7 +105,7 @@ impl From<SceneErrors> for Failure {
 }
 
 /// Whether standard error takes colours.
-fn colours() -> bool {
+pub(super) fn colours() -> bool {
     let unset = |name| std::env::var_os(name).is_none_or(|value| value.is_empty());
     let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
     io::stderr().is_terminal() && unset("NO_COLOR") && !dumb

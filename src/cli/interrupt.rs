@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::Failure;
-use crate::volume::{Brick, Sink};
+use crate::volume::{Brick, Precision, Sink};
 
 /// Exit code after a signal.
 const EXIT_CODE: i32 = 130;
@@ -81,6 +81,10 @@ pub(super) enum Stopped<E> {
 impl<S: Sink> Sink for Watched<'_, S> {
     type Run = S::Run;
     type Error = Stopped<S::Error>;
+
+    fn precision(&self) -> Precision {
+        self.inner.precision()
+    }
 
     fn encode(&self, brick: &Brick, run: &mut S::Run) {
         self.inner.encode(brick, run);

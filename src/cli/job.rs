@@ -1,18 +1,22 @@
 //! What commands share that take a scene: the scene, the settings after defaults and overrides, and the memory they may take.
 
+use std::borrow::Cow;
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 
 use super::memory::{self, Amount};
-use super::recipe::{Recipe, Settings, compression_name};
+use super::recipe::{Recipe, Settings, compression_name, precision_name};
 use super::{Failure, text};
 use crate::field::Field;
-use crate::formats::vdb::{self, Compression, FileHeader, GridHeader};
+use crate::formats::vdb::{
+    self, Compression, Encoder, FileHeader, GridClass, GridHeader, Precision, VectorType,
+};
 use crate::scene::limit::{ANY, POSITIVE};
-use crate::scene::{Scene, SceneErrors, Step};
+use crate::scene::{MOST_INPUT, Scene, SceneErrors, Step, Tube};
 use crate::volume::{Lattice, Plan, PlanError};
 
 /// The first bytes of every VDB file.
@@ -45,12 +49,21 @@ pub(super) struct SceneOptions {
 pub(super) struct Options {
     #[command(flatten)]
     scene: SceneOptions,
+    /// How precisely values are stored: single or half precision, as 32-bit or 16-bit floats
+    #[arg(long, value_enum, default_value_t = Width::F32)]
+    precision: Width,
     /// How values are compressed, always without loss
     #[arg(long, value_enum, default_value_t = Codec::Blosc)]
     compression: Codec,
     /// Tell what was left out of the evaluation, and why
     #[arg(long)]
     pub(super) explain: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Width {
+    F32,
+    F16,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -105,7 +118,8 @@ impl Compiled {
     pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
         let scene = read_scene(path)?;
         let time = options.time.unwrap_or(0.0);
-        let field = Field::compile(&scene, time);
+        let scene = scene.at(time)?;
+        let mut field = Field::compile(&scene);
         let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
         let step = match (options.voxel_size, options.resolution) {
             (Some(size), _) => Step::VoxelSize(size),
@@ -113,6 +127,7 @@ impl Compiled {
             (None, None) => scene.bake().step,
         };
         let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
+        field.widen(lattice);
         Ok(Compiled { scene, field, lattice, time, bounds })
     }
 }
@@ -123,7 +138,7 @@ pub(super) struct Job {
     pub(super) scene: Scene,
     pub(super) field: Field,
     pub(super) lattice: Lattice,
-    pub(super) compression: Compression,
+    pub(super) encoder: Encoder,
     pub(super) settings: Settings,
     /// Corners of the box around the density, in metres; `None` where there is none.
     pub(super) bounds: Option<[[f64; 3]; 2]>,
@@ -142,16 +157,23 @@ impl Job {
             Codec::Zip => Compression::Zip,
             Codec::None => Compression::None,
         };
+        let precision = match options.precision {
+            Width::F32 => Precision::F32,
+            Width::F16 => Precision::F16,
+        };
+        let encoder = Encoder::new(compression).with_precision(precision);
         let settings = Settings {
             grids: ["density"],
             voxel_size: lattice.voxel_size,
             time,
+            precision: precision_name(precision),
             compression: compression_name(compression),
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
+            widen: scene.bake().widen,
         };
         let budget = options.scene.budget();
-        Ok(Job { scene, field, lattice, compression, settings, bounds, budget, resident: memory::resident() })
+        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident: memory::resident() })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -170,7 +192,7 @@ impl Job {
 
     /// Upper bound of the memory in bytes that the process takes to bake a plan on the current `rayon` pool.
     pub(super) fn memory(&self, plan: &Plan) -> u64 {
-        self.process() + memory::bricks(plan, self.compression)
+        self.process() + memory::bricks(plan, self.encoder)
     }
 
     /// The part of it that does not depend on the plan.
@@ -181,7 +203,11 @@ impl Job {
     /// The plan at a lattice, or why there is none.
     fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
         let process = self.process();
-        match Plan::new(&self.field, lattice, self.budget.bytes().saturating_sub(process)) {
+        let mut field = Cow::Borrowed(&self.field);
+        if lattice != self.lattice {
+            field.to_mut().widen(lattice);
+        }
+        match Plan::new(&field, lattice, self.budget.bytes().saturating_sub(process)) {
             Ok(plan) if self.memory(&plan) <= self.budget.bytes() => Ok(plan),
             #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
             Ok(plan) => {
@@ -190,7 +216,7 @@ impl Job {
             #[allow(clippy::cast_precision_loss, reason = "as above")]
             Err(PlanError::TooMany { bricks }) => Err(Misfit::Memory {
                 bricks: None,
-                need: process as f64 + bricks / CONTACTS * memory::brick(self.compression) as f64,
+                need: process as f64 + bricks / CONTACTS * memory::brick(self.encoder) as f64,
             }),
             Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }
@@ -259,7 +285,7 @@ impl Job {
 
     /// The file around the grid. `content` is the hash of all values, in hexadecimal.
     pub(super) fn file_header(&self, content: &str) -> Result<FileHeader, Failure> {
-        let recipe = Recipe::new(self.scene.text(), &self.settings)
+        let recipe = Recipe::new(self.scene.text(), self.scene.inputs(), &self.settings)
             .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
         Ok(FileHeader { uuid: recipe.uuid(), metadata: recipe.metadata(content) })
     }
@@ -269,6 +295,8 @@ impl Job {
         let voxel_size = self.lattice.voxel_size;
         GridHeader {
             name: "density".to_owned(),
+            class: GridClass::FogVolume,
+            vector_type: VectorType::Invariant,
             voxel_size,
             // Voxel i is the cell from i h to (i + 1) h, and the file places its centre.
             translation: [0.5 * voxel_size; 3],
@@ -341,7 +369,50 @@ pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     if let Some(errors) = SceneErrors::not_utf8(&origin, &bytes) {
         return Err(errors.into());
     }
-    Ok(Scene::parse(&String::from_utf8_lossy(&bytes), &origin)?)
+    let folder = path.parent().unwrap_or(Path::new(""));
+    Ok(Scene::load(&String::from_utf8_lossy(&bytes), &origin, &|file| read_input(&folder.join(file)))?)
+}
+
+/// An estimate for a radius that is read from a file.
+#[derive(Debug, Serialize)]
+pub(super) struct SamplingError {
+    tube: String,
+    /// Metres that the radius may be off between its samples.
+    radius: f64,
+}
+
+impl SamplingError {
+    /// In words, where there are any.
+    pub(super) fn show(errors: &[SamplingError], table: &mut text::Table) {
+        let words = |SamplingError { tube, radius }: &SamplingError| {
+            format!(
+                "radius of tube \"{}\": about {} m between its samples",
+                text::tidy(tube),
+                text::short(*radius)
+            )
+        };
+        if !errors.is_empty() {
+            table.rows("estimated error", &errors.iter().map(words).collect::<Vec<_>>(), "");
+        }
+    }
+}
+
+/// Those of a scene.
+pub(super) fn sampling_errors(scene: &Scene) -> Vec<SamplingError> {
+    let of = |tube: &Tube| Some(SamplingError { tube: tube.name.clone(), radius: tube.sampling_error? });
+    scene.tubes().iter().filter_map(of).collect()
+}
+
+/// Reads a file that a scene names.
+fn read_input(path: &Path) -> io::Result<Vec<u8>> {
+    let file = File::open(path)?;
+    // Devices and the like have no end.
+    if !file.metadata()?.is_file() {
+        return Err(io::Error::other("it is no file"));
+    }
+    let mut bytes = Vec::new();
+    file.take(MOST_INPUT + 1).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Where a scene's file goes: where the user says, else under the scene's name in the current folder.

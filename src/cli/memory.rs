@@ -5,7 +5,7 @@ use std::str::FromStr;
 use bytesize::ByteSize;
 
 use super::machine;
-use crate::formats::vdb::{Compression, GridBound};
+use crate::formats::vdb::{Encoder, GridBound};
 use crate::volume::Plan;
 
 /// Bytes that the process takes without a scene: 4.3 MB were measured, and 0.6 MB more for one brick of each scene of the
@@ -71,16 +71,15 @@ pub(super) fn process(resident: u64, text: usize) -> u64 {
 }
 
 /// Upper bound of what a plan and its bricks take.
-pub(super) fn bricks(plan: &Plan, compression: Compression) -> u64 {
+pub(super) fn bricks(plan: &Plan, encoder: Encoder) -> u64 {
     let (held, bricks) = (plan.memory() as u64, plan.bricks() as u64);
-    let baking =
-        held + brick(compression) * bricks + 2 * GridBound::leaf(compression) * bricks.min(IN_FLIGHT);
+    let baking = held + brick(encoder) * bricks + 2 * GridBound::leaf::<f32>(encoder) * bricks.min(IN_FLIGHT);
     baking.max(PLANNING * held)
 }
 
 /// Upper bound of what one more of many bricks takes.
-pub(super) fn brick(compression: Compression) -> u64 {
-    GridBound::leaf(compression) + PLACE
+pub(super) fn brick(encoder: Encoder) -> u64 {
+    GridBound::leaf::<f32>(encoder) + PLACE
 }
 
 #[cfg(test)]

@@ -26,6 +26,8 @@ use serde::Serialize;
 
 pub use failure::Failure;
 
+use crate::scene::Warnings;
+
 /// Bakes procedural density, sculpted along spline tubes, into sparse OpenVDB grids
 #[derive(Debug, Parser)]
 #[command(version, arg_required_else_help = true)]
@@ -91,10 +93,23 @@ impl Global {
 
     /// Tells something that is neither result nor error.
     fn note(&self, text: &str) {
+        self.tell("note", text);
+    }
+
+    fn tell(&self, kind: &str, text: &str) {
         if !self.quiet {
             // Where standard error is closed there is nobody to tell.
-            let _ = writeln!(io::stderr(), "note: {text}");
+            let _ = writeln!(io::stderr(), "{kind}: {text}");
         }
+    }
+
+    /// Tells what in a scene is hardly meant, each at its place.
+    fn warn_of(&self, warnings: &Warnings) {
+        if self.quiet || warnings.is_empty() {
+            return;
+        }
+        let text = if failure::colours() { warnings.to_coloured() } else { warnings.to_string() };
+        let _ = writeln!(io::stderr(), "{text}\n");
     }
 
     /// The threads to work with.

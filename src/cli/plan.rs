@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 
-use super::job::{Job, Options};
+use super::job::{Job, Options, SamplingError, sampling_errors};
 use super::progress::Planning;
 use super::{Failure, Global, text};
 use crate::formats::vdb::{self, Compression, GridBound, VdbGridBuilder};
@@ -37,6 +37,7 @@ struct Report {
     bounds: Option<[[f64; 3]; 2]>,
     /// Voxels along each side of that box.
     dimensions: [u64; 3],
+    precision: &'static str,
     compression: &'static str,
     /// All that would be searched; some may stay empty.
     planned_bricks: u64,
@@ -45,6 +46,10 @@ struct Report {
     threads: usize,
     simd: String,
     left_out: Vec<String>,
+    /// What in the scene is hardly meant, each with its line and column.
+    warnings: Vec<String>,
+    /// How far radii that are read from files may be off between their samples.
+    sampling_errors: Vec<SamplingError>,
 }
 
 /// Upper bounds.
@@ -75,7 +80,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let job = Job::new(&arguments.scene, &arguments.options)?;
     let plan = pool.install(|| job.plan())?;
     let planning = started.elapsed().as_secs_f64();
-    let bound = GridBound::new(job.compression, plan.origins());
+    let bound = GridBound::new::<f32>(job.encoder, plan.origins());
     let empty = empty_file(&job)?;
     let threads = pool.current_num_threads();
     let report = Report {
@@ -84,6 +89,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
         dimensions: job.dimensions(),
+        precision: job.settings.precision,
         compression: job.settings.compression,
         planned_bricks: plan.bricks() as u64,
         at_most: Limits {
@@ -95,15 +101,18 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         threads,
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice),
+        warnings: text::warnings(job.scene.warnings()),
+        sampling_errors: sampling_errors(&job.scene),
     };
     drop(progress);
+    global.warn_of(job.scene.warnings());
     global.show(&report, |report| human(report, arguments.options.explain))
 }
 
 /// Bytes of the file if no voxel were active. All of it that depends on the density has a fixed length.
 fn empty_file(job: &Job) -> Result<u64, Failure> {
     let header = job.file_header(&"0".repeat(64))?;
-    let grid = VdbGridBuilder::new(job.compression);
+    let grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
     vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)])
         .map_err(|error| Failure::failed("cannot measure the file").because(error))
 }
@@ -121,7 +130,7 @@ fn estimate(
     let mut sizes = SAMPLES.into_iter();
     let (sample, grid, tally, phases) = loop {
         let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
-        let mut grid = VdbGridBuilder::new(job.compression);
+        let mut grid = VdbGridBuilder::with_encoder(job.encoder);
         let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
             .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
         let long = started.elapsed().as_secs_f64() > PATIENCE;
@@ -135,7 +144,7 @@ fn estimate(
     };
     // The nodes above leaves take their full size only where nothing is compressed.
     let nodes = bound.masks - 64 * plan.bricks() as u64
-        + if job.compression == Compression::None { bound.entries } else { 0 };
+        + if job.encoder.compression() == Compression::None { bound.entries } else { 0 };
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let (factor, threads) =
         (plan.bricks() as f64 / sample.bricks().max(1) as f64, rayon::current_num_threads() as f64);
@@ -178,6 +187,7 @@ fn human(report: &Report, explain: bool) -> String {
     );
     if explain {
         table.rows("left out", &report.left_out, "nothing");
+        SamplingError::show(&report.sampling_errors, &mut table);
     }
     table.finish()
 }

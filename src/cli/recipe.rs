@@ -4,7 +4,9 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
-use crate::formats::vdb::{Compression, Meta, Metadata};
+use super::text::hexadecimal;
+use crate::formats::vdb::{Compression, Meta, Metadata, Precision};
+use crate::scene::Input;
 
 /// The program and its version.
 const CREATOR: &str = concat!("vdbake ", env!("CARGO_PKG_VERSION"));
@@ -17,9 +19,11 @@ pub(super) struct Settings {
     pub(super) voxel_size: f64,
     /// Seconds after the start frame.
     pub(super) time: f64,
+    pub(super) precision: &'static str,
     pub(super) compression: &'static str,
     pub(super) cutoff: f64,
     pub(super) octave_fade: bool,
+    pub(super) widen: bool,
 }
 
 /// A compression's word on the command line.
@@ -31,23 +35,50 @@ pub(super) fn compression_name(compression: Compression) -> &'static str {
     }
 }
 
+/// A precision's word on the command line.
+pub(super) fn precision_name(precision: Precision) -> &'static str {
+    match precision {
+        Precision::F32 => "f32",
+        Precision::F16 => "f16",
+    }
+}
+
 /// From what, with which settings and by which version a file is made. The same recipe gives the same bytes.
 #[derive(Debug, Clone)]
 pub(super) struct Recipe {
     scene: String,
     settings: String,
+    /// The scene's other files, where it names any.
+    inputs: Option<String>,
+}
+
+/// A file that the scene names.
+#[derive(Debug, Serialize)]
+struct File<'a> {
+    path: &'a str,
+    sha256: String,
 }
 
 impl Recipe {
-    pub(super) fn new(scene: &str, settings: &Settings) -> Result<Recipe, serde_json::Error> {
-        Ok(Recipe { scene: scene.to_owned(), settings: serde_json::to_string(settings)? })
+    pub(super) fn new(
+        scene: &str,
+        inputs: &[Input],
+        settings: &Settings,
+    ) -> Result<Recipe, serde_json::Error> {
+        let files: Vec<File> = inputs
+            .iter()
+            .map(|Input { path, sha256, .. }| File { path, sha256: hexadecimal(sha256) })
+            .collect();
+        let inputs = if files.is_empty() { None } else { Some(serde_json::to_string(&files)?) };
+        Ok(Recipe { scene: scene.to_owned(), settings: serde_json::to_string(settings)?, inputs })
     }
 
-    /// A UUID of version 8 from the SHA-256 of version, settings and scene, each behind its length in bytes as a
-    /// little-endian `u64`.
+    /// A UUID of version 8 from the SHA-256 of version, settings, scene and its other files where there are any, each
+    /// behind its length in bytes as a little-endian `u64`.
     pub(super) fn uuid(&self) -> Uuid {
         let mut hash = Sha256::new();
-        for part in [CREATOR, &self.settings, &self.scene] {
+        let inputs = self.inputs.as_deref();
+        for part in [CREATOR, &self.settings, &self.scene].into_iter().chain(inputs) {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part);
         }
@@ -66,6 +97,7 @@ impl Recipe {
             ("vdbake_content_sha256", content),
         ]
         .into_iter()
+        .chain(self.inputs.as_deref().map(|inputs| ("vdbake_inputs", inputs)))
         .map(|(name, text)| (name.to_owned(), Meta::from(text)))
         .collect()
     }
@@ -80,26 +112,45 @@ mod tests {
             grids: ["density"],
             voxel_size: 0.1,
             time: 0.0,
+            precision: "f32",
             compression: "blosc",
             cutoff: 0.0,
             octave_fade: true,
+            widen: true,
         }
     }
 
     #[test]
     fn settings_have_one_form() {
-        let recipe = Recipe::new("", &settings()).expect("settings");
-        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"compression":"blosc","cutoff":0.0,"octave_fade":true}"#;
+        let recipe = Recipe::new("", &[], &settings()).expect("settings");
+        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"precision":"f32","compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true}"#;
         assert_eq!(recipe.settings, expected);
     }
 
     #[test]
     fn uuid_tells_recipes_apart() {
-        let uuid = |scene: &str, settings: &Settings| Recipe::new(scene, settings).expect("settings").uuid();
+        let uuid =
+            |scene: &str, settings: &Settings| Recipe::new(scene, &[], settings).expect("settings").uuid();
         let other = Settings { time: 1.0, ..settings() };
         assert_eq!(uuid("a", &settings()), uuid("a", &settings()));
         assert_ne!(uuid("a", &settings()), uuid("b", &settings()));
         assert_ne!(uuid("a", &settings()), uuid("a", &other));
         assert_eq!(uuid("a", &settings()).get_version_num(), 8);
+    }
+
+    #[test]
+    fn other_files_belong_to_the_recipe() {
+        let input =
+            |path: &str, byte| Input { path: path.to_owned(), sha256: [byte; 32], bytes: [byte].into() };
+        let recipe = |inputs: &[Input]| Recipe::new("", inputs, &settings()).expect("settings");
+        let one = recipe(&[input("a \"b\".csv", 10)]);
+        let expected = format!(r#"[{{"path":"a \"b\".csv","sha256":"{}"}}]"#, "0a".repeat(32));
+        assert_eq!(one.inputs.as_deref(), Some(expected.as_str()));
+        assert!(one.metadata("").contains_key("vdbake_inputs"));
+        assert!(!recipe(&[]).metadata("").contains_key("vdbake_inputs"));
+        let uuids =
+            [recipe(&[]), recipe(&[input("a", 1)]), recipe(&[input("a", 2)]), recipe(&[input("b", 1)])];
+        let uuids: std::collections::BTreeSet<_> = uuids.iter().map(Recipe::uuid).collect();
+        assert_eq!(uuids.len(), 4);
     }
 }

@@ -4,6 +4,8 @@ use std::fmt::Display;
 
 use bytesize::ByteSize;
 
+use crate::scene::{Fault, Warnings};
+
 /// Columns that the names of values take.
 const NAMES: usize = 21;
 
@@ -86,17 +88,28 @@ pub(super) fn voxels(size: f64, sides: [u64; 3]) -> String {
     format!("{} m ({} voxels)", short(size), dimensions(sides))
 }
 
+/// Warnings of a scene, each with its line and column.
+pub(super) fn warnings(warnings: &Warnings) -> Vec<String> {
+    let show =
+        |fault: &Fault| format!("line {}, column {}: {}", fault.line(), fault.column(), fault.message());
+    warnings.list().iter().map(show).collect()
+}
+
 /// Seconds to the millisecond.
 pub(super) fn seconds(x: f64) -> String {
     format!("{x:.3} s")
+}
+
+/// Without characters that could steer a terminal.
+pub(super) fn plain(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
 /// On one line and not too long, without characters that could steer a terminal.
 pub(super) fn tidy(text: &str) -> String {
     const MOST: usize = 160;
     let line = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
-    let mut out: String =
-        line.chars().take(MOST).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    let mut out: String = plain(line).chars().take(MOST).collect();
     if out.len() < text.trim_end().len() {
         out.push_str(&format!(" ... ({} bytes in all)", text.len()));
     }

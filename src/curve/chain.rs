@@ -3,6 +3,8 @@
 use super::frame::Frames;
 use super::length::ArcLength;
 use super::{Frame, FrameRule, Segment};
+use glam::DVec3;
+use std::f64::consts::{PI, TAU};
 
 /// Why segments do not make a curve.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -38,9 +40,22 @@ pub enum CurveError {
         /// Distance in metres.
         size: f64,
     },
+    /// The last segment of a closed curve does not end where the first begins.
+    #[error("gap of {size:e} m where the curve closes")]
+    Open {
+        /// Distance in metres.
+        size: f64,
+    },
 }
 
-/// A chain of segments, each beginning where the one before it ends, in metres.
+/// A jump of the frame about its tangent by less than this many radians is not one.
+const FLIP: f64 = 1e-3;
+
+/// Holonomy below this many radians is rounding.
+const TURNED: f64 = 1e-12;
+
+/// A chain of segments, each beginning where the one before it ends, in metres; closed where the first begins where the
+/// last ends.
 ///
 /// Parameters are a segment's index and its t in [0, 1]. No index that [`Curve::segments`] has makes a method
 /// panic.
@@ -52,6 +67,8 @@ pub struct Curve {
     /// Arc length at each segment's start, and at the end of the last.
     starts: Vec<f64>,
     frames: Vec<Frames>,
+    closed: bool,
+    holonomy: f64,
 }
 
 impl Curve {
@@ -62,7 +79,20 @@ impl Curve {
     /// No segment; one that is not finite, has no length, or is smaller than 1e-60 or larger than 1e60; a gap
     /// between two of more than 1e-6 of the smaller one's size (and more than rounding of the coordinates).
     pub fn new(segments: Vec<Segment>, rule: FrameRule) -> Result<Curve, CurveError> {
-        check(&segments)?;
+        Curve::chain(segments, rule, false)
+    }
+
+    /// A closed curve through these segments: it goes on from the last to the first, and has no ends.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Curve::new`], and a gap from the last segment to the first.
+    pub fn closed(segments: Vec<Segment>, rule: FrameRule) -> Result<Curve, CurveError> {
+        Curve::chain(segments, rule, true)
+    }
+
+    fn chain(segments: Vec<Segment>, rule: FrameRule, closed: bool) -> Result<Curve, CurveError> {
+        check(&segments, closed)?;
         let lengths: Vec<ArcLength> = segments.iter().map(ArcLength::new).collect();
         let mut starts = vec![0.0];
         let mut s = 0.0;
@@ -70,16 +100,21 @@ impl Curve {
             s += length.at(segment, 1.0);
             starts.push(s);
         }
-        let mut frames: Vec<Frames> = Vec::with_capacity(segments.len());
-        let mut arriving: Option<Frame> = None;
-        for segment in &segments {
-            let tangent = segment.tangent(0.0);
-            let start = arriving.map_or_else(|| Frame::on(tangent), |frame| frame.bent(tangent));
-            let along = Frames::new(segment, rule, &start);
-            arriving = Some(along.at(segment, 1.0));
-            frames.push(along);
+        let first = Frame::on(segments[0].tangent(0.0));
+        let (mut frames, arriving) = along(&segments, rule, first);
+        let mut holonomy = 0.0;
+        if closed {
+            holonomy = lap(&frames[0].at(&segments[0], 0.0), &arriving);
+            if rule == FrameRule::Frenet && holonomy.abs() > TURNED {
+                // A straight start has no principal normal of its own: what arrives there is carried on.
+                let (again, arriving) = along(&segments, rule, arriving);
+                let left = lap(&again[0].at(&segments[0], 0.0), &arriving);
+                if left.abs() < holonomy.abs() {
+                    (frames, holonomy) = (again, left);
+                }
+            }
         }
-        Ok(Curve { segments, rule, lengths, starts, frames })
+        Ok(Curve { segments, rule, lengths, starts, frames, closed, holonomy })
     }
 
     /// The segments, in order; at least one.
@@ -89,7 +124,17 @@ impl Curve {
 
     /// Whether the curve ends where it starts, and goes on there as if it had no ends.
     pub fn is_closed(&self) -> bool {
-        false
+        self.closed
+    }
+
+    /// Angle in radians, above -pi and at most pi, about the tangent from the frame that a closed curve starts with to the
+    /// one that arrives there after a lap, right-handed; 0 for open curves.
+    ///
+    /// For a rotation-minimising frame it is what [`Curve::frame`] takes back over the length, a property of the curve
+    /// that no choice of a start or direction changes (but for whole turns, the area on the unit sphere that the
+    /// tangents enclose); 0 in a plane. For a Frenet frame it is a jump where the curve closes.
+    pub fn holonomy(&self) -> f64 {
+        self.holonomy
     }
 
     /// Which frame goes along the curve.
@@ -111,7 +156,8 @@ impl Curve {
         self.starts[segment] + self.lengths[segment].at(&self.segments[segment], t)
     }
 
-    /// Segment and t at arc length `s` in metres, clamped to the curve; at a joint the later segment.
+    /// Segment and t at arc length `s` in metres, clamped to the curve; at a joint the later segment, but at the end of
+    /// a closed curve the last one.
     pub fn locate(&self, s: f64) -> (usize, f64) {
         // What is no number becomes 0 here.
         let s = s.max(0.0);
@@ -131,8 +177,17 @@ impl Curve {
     /// about its normal; at a cusp within a plane curve it turns in that plane. The Frenet frame's normal is
     /// the principal normal; where the curvature is below 1e-6 over the segment's size the frame is carried
     /// on as a rotation-minimising one.
+    ///
+    /// On a closed curve the rotation-minimising frame is turned about the tangent, besides, by minus
+    /// [`Curve::holonomy`] times the part of the length that lies behind, so that the lap ends as it began; and a
+    /// Frenet frame that starts without curvature starts as the one that arrives there.
     pub fn frame(&self, segment: usize, t: f64) -> Frame {
-        self.frames[segment].at(&self.segments[segment], t)
+        let frame = self.frames[segment].at(&self.segments[segment], t);
+        if self.rule != FrameRule::RotationMinimising || self.holonomy.abs() <= TURNED {
+            return frame;
+        }
+        let (sin, cos) = libm::sincos(-self.holonomy * (self.arc_length(segment, t) / self.length()));
+        frame.turned(cos, sin)
     }
 
     /// Every t strictly inside a segment where its frame jumps, ascending: cusps, folds, flips of the Frenet
@@ -143,22 +198,82 @@ impl Curve {
         self.frames[segment].breaks()
     }
 
+    /// Arc lengths in metres at which a Frenet frame jumps about its tangent by more than 1e-3 radians, ascending: at
+    /// inflections, behind straight parts, and at joints where the principal normal changes.
+    ///
+    /// Empty for a rotation-minimising frame.
+    pub fn flips(&self) -> Vec<f64> {
+        if self.rule != FrameRule::Frenet {
+            return vec![];
+        }
+        let mut flips = vec![];
+        for (segment, frames) in self.frames.iter().enumerate() {
+            for &t in frames.breaks() {
+                if jumps(&self.frame(segment, t.next_down()), &self.frame(segment, t)) {
+                    flips.push(self.arc_length(segment, t));
+                }
+            }
+            if segment + 1 < self.segments.len()
+                && jumps(&self.frame(segment, 1.0), &self.frame(segment + 1, 0.0))
+            {
+                flips.push(self.starts[segment + 1]);
+            }
+        }
+        flips
+    }
+
     /// Angle in radians, 0 to pi, by which the tangent turns from the end of segment `joint` to the start of
     /// the next.
     ///
-    /// 0 after the last segment.
+    /// After the last segment comes the first where the curve is closed; otherwise it is 0 there.
     pub fn turn(&self, joint: usize) -> f64 {
-        let Some(next) = self.segments.get(joint + 1) else { return 0.0 };
-        let (a, b) = (self.segments[joint].tangent(1.0), next.tangent(0.0));
+        let Some(next) = self.after(joint) else { return 0.0 };
+        let (a, b) = (self.segments[joint].tangent(1.0), self.segments[next].tangent(0.0));
         libm::atan2(a.cross(b).length(), a.dot(b))
+    }
+
+    /// The segment that begins where `segment` ends; none at the end of an open curve.
+    pub fn after(&self, segment: usize) -> Option<usize> {
+        match segment + 1 {
+            next if next < self.segments.len() => Some(next),
+            _ => self.closed.then_some(0),
+        }
     }
 }
 
-fn check(segments: &[Segment]) -> Result<(), CurveError> {
+/// Whether a frame turns about its tangent from one to the next, besides following the tangent.
+fn jumps(before: &Frame, after: &Frame) -> bool {
+    let carried = before.bent(after.tangent);
+    let (x, y) = (after.normal.dot(carried.normal), after.normal.dot(carried.binormal));
+    libm::atan2(y, x).abs() > FLIP
+}
+
+/// The frames of every segment, from one on the first tangent, and the one that arrives behind the last on the first
+/// tangent again.
+fn along(segments: &[Segment], rule: FrameRule, first: Frame) -> (Vec<Frames>, Frame) {
+    let mut frames: Vec<Frames> = Vec::with_capacity(segments.len());
+    let mut arriving = first;
+    for (i, segment) in segments.iter().enumerate() {
+        let along = Frames::new(segment, rule, &arriving);
+        let next = segments.get(i + 1).unwrap_or(&segments[0]);
+        arriving = along.at(segment, 1.0).bent(next.tangent(0.0));
+        frames.push(along);
+    }
+    (frames, arriving)
+}
+
+/// Angle about the tangent from one frame to another, within 1e-9 of minus half a turn as plus half a turn.
+fn lap(from: &Frame, to: &Frame) -> f64 {
+    let angle = libm::atan2(to.normal.dot(from.binormal), to.normal.dot(from.normal));
+    if angle < 1e-9 - PI { angle + TAU } else { angle }
+}
+
+fn check(segments: &[Segment], closed: bool) -> Result<(), CurveError> {
     if segments.is_empty() {
         return Err(CurveError::Empty);
     }
-    let mut before: Option<(usize, &Segment, f64)> = None;
+    let mut before: Option<(usize, DVec3, f64)> = None;
+    let mut first: Option<(DVec3, f64)> = None;
     for (i, segment) in segments.iter().enumerate() {
         let [start, powers @ ..] = segment.power();
         if !segment.power().iter().all(|c| c.is_finite()) {
@@ -171,24 +286,35 @@ fn check(segments: &[Segment]) -> Result<(), CurveError> {
         if !(1e-60..=1e60).contains(&size.max(start.abs().max_element())) || size < 1e-60 {
             return Err(CurveError::Scale { segment: i, size });
         }
-        if let Some((segment, other, other_size)) = before {
-            let gap = other.at(1.0).distance(*start);
-            let rounding = 16.0 * f64::EPSILON * start.abs().max_element();
-            if gap > 1e-6 * size.min(other_size) + rounding {
-                return Err(CurveError::Gap { segment, size: gap });
-            }
+        if let Some((segment, end, other_size)) = before
+            && let Some(size) = gap(end, *start, size.min(other_size))
+        {
+            return Err(CurveError::Gap { segment, size });
         }
-        before = Some((i, segment, size));
+        before = Some((i, segment.at(1.0), size));
+        first = first.or(Some((*start, size)));
+    }
+    if let (true, Some((start, size)), Some((_, end, other_size))) = (closed, first, before)
+        && let Some(size) = gap(end, start, size.min(other_size))
+    {
+        return Err(CurveError::Open { size });
     }
     Ok(())
+}
+
+/// The distance between two points that should be one, where it is more than 1e-6 of `size` and rounding.
+fn gap(a: DVec3, b: DVec3, size: f64) -> Option<f64> {
+    let distance = a.distance(b);
+    let rounding = 16.0 * f64::EPSILON * b.abs().max_element();
+    (distance > 1e-6 * size + rounding).then_some(distance)
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::testing::{Random, part};
     use super::*;
-    use glam::{DVec3, dvec3};
-    use std::f64::consts::{FRAC_PI_2, PI};
+    use glam::dvec3;
+    use std::f64::consts::FRAC_PI_2;
 
     const RULE: FrameRule = FrameRule::RotationMinimising;
 
@@ -294,6 +420,39 @@ mod tests {
             let (before, after) = (curve.frame(1, 1.0), curve.frame(2, 0.0));
             assert!(after.normal.distance(before.bent(after.tangent).normal) < 1e-13);
         }
+    }
+
+    #[test]
+    fn flips_are_those_of_frenet_frames_only() {
+        let s = [DVec3::ZERO, dvec3(0.3, 1.0, 0.0), dvec3(0.7, -1.0, 0.0), DVec3::X];
+        let arc = [DVec3::ZERO, dvec3(0.5, 1.0, 0.0), DVec3::X];
+        let cusp = [DVec3::ZERO, dvec3(1.0, 1.0, 0.0), dvec3(0.0, 1.0, 0.0), DVec3::X];
+        let flips =
+            |segments: &[Segment], rule| Curve::new(segments.to_vec(), rule).expect("a curve").flips();
+        let frenet = |segments: &[Segment]| flips(segments, FrameRule::Frenet);
+        assert!(flips(&[Segment::cubic(s)], RULE).is_empty());
+        assert!(frenet(&[Segment::quadratic(arc)]).is_empty());
+        // The tangent turns back there, but the binormal stays.
+        assert!(frenet(&[Segment::cubic(cusp)]).is_empty());
+        let length = Curve::new(vec![Segment::cubic(s)], RULE).expect("a curve").length();
+        let found = frenet(&[Segment::cubic(s)]);
+        // The inflection of the S is its middle; the flip comes where the curvature is 1e-6 again.
+        assert!(found.len() == 1 && (found[0] / length - 0.5).abs() < 1e-5, "{found:?}");
+        // The same turned out of its plane by a little: the frame is carried on through the middle.
+        let [a, b, c, d] = s;
+        assert_eq!(frenet(&[Segment::cubic([a, b, c + 1e-9 * DVec3::Z, d])]).len(), 1);
+
+        // Two arcs that make an S have it at the joint, two that make one arc have none.
+        let other = |side: f64| [DVec3::X, dvec3(1.5, side, 0.0), 2.0 * DVec3::X].into();
+        let [same, opposite] = [1.0, -1.0].map(other).map(Segment::quadratic);
+        let arc = Segment::quadratic(arc);
+        assert!(frenet(&[arc, same]).is_empty());
+        let found = frenet(&[arc, opposite]);
+        assert!(found.len() == 1 && (found[0] - arc_length(&arc)).abs() < 1e-12, "{found:?}");
+    }
+
+    fn arc_length(segment: &Segment) -> f64 {
+        Curve::new(vec![*segment], RULE).expect("a curve").length()
     }
 
     #[test]

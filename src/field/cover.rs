@@ -53,7 +53,7 @@ impl Field {
                 for span in spans {
                     let arc = span.core.map(|t| tube.curve.arc_length(index, t));
                     let x = arc.map(|s| s / tube.curve.length());
-                    let (low, high) = tube.profile.range(x[0], x[1]);
+                    let [low, high] = tube.radius.range(x);
                     let radius = 0.5 * (low + high) / h + grow;
                     blocks += std::f64::consts::PI * radius * radius * ((arc[1] - arc[0]) / h) / 512.0;
                 }
@@ -77,7 +77,7 @@ fn cover(tube: &Tube, index: u32, part: u32, t: [f64; 2], h: f64, out: &mut Vec<
         return cover(tube, index, part, [middle, t[1]], h, out);
     }
     let x = arc.map(|s| s / tube.curve.length());
-    let radius = tube.profile.range(x[0], x[1]).1;
+    let [_, radius] = tube.radius.range(x);
     out.push(Capsule { tube: index, part, t, radius, is_point: false });
     Some(())
 }

@@ -4,7 +4,7 @@ use super::narrow::Rates;
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice};
 use crate::noise::BAND;
-use crate::scene::{Caps, Radial};
+use crate::scene::{Caps, Conserve, Radial};
 
 impl Field {
     /// The stages left out of the evaluation at a lattice, each with the reason, tube by tube.
@@ -24,14 +24,24 @@ impl Field {
         if tube.twist_rate == 0.0 {
             say("twist: 0 turns".into());
         }
-        if tube.profile.as_constant().is_some() {
+        if tube.radius.is_constant() {
             say("change of the radius: it is constant".into());
         }
-        if !matches!(tube.caps, Caps::Fade(_)) {
-            say("fade at the ends: caps do not ask for it".into());
+        if !tube.radius.is_widened() {
+            say("widening: it is off, or no part is thinner than two voxels".into());
         }
-        if !matches!(tube.caps, Caps::Round) {
-            say("half balls at the ends: caps are not round".into());
+        if tube.conserve == Conserve::Off {
+            say("conservation: not asked for".into());
+        }
+        if tube.curve.is_closed() {
+            say("fade and half balls at the ends: the curve is closed".into());
+        } else {
+            if !matches!(tube.caps, Caps::Fade(_)) {
+                say("fade at the ends: caps do not ask for it".into());
+            }
+            if !matches!(tube.caps, Caps::Round) {
+                say("half balls at the ends: caps are not round".into());
+            }
         }
         if tube.radial == Radial::Hard {
             say("envelope: it is hard".into());

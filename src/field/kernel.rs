@@ -7,6 +7,7 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels.
 
+use super::join::{self, Joint};
 use super::region::{FOOT, LayerKind, Piece, ROWS, Region, SECOND, Search, U, V};
 use super::{EDGE, VOXELS};
 use crate::noise::band_weight;
@@ -22,6 +23,8 @@ const MOST_STEPS: usize = 9;
 const HALVINGS: usize = 26;
 /// How far past a piece's ends, which are at -1 and 1, Newton's method may go.
 const PAST: f64 = 1.25;
+/// Density is divided by no less than this where space narrows towards the focal set.
+pub(super) const LEAST_NARROWING: f64 = 0.05;
 /// Parameter of a voxel that has no foot in the piece.
 const NO_FOOT: f64 = 1e30;
 /// Scratch arrays are this long: packed stores write whole lanes.
@@ -45,10 +48,13 @@ pub struct Scratch<T> {
     pub(super) height: Vec<T>,
     pub(super) weight: Vec<T>,
     /// Voxels inside, a word for each batch of lanes.
-    inside: Vec<u32>,
-    /// Radius and squared distance to the axis over it: only where octaves fade.
+    pub(super) inside: Vec<u32>,
+    /// Radius and squared distance to the axis over it: only where octaves fade or feet are told apart.
     pub(super) radius: Vec<T>,
     pub(super) q: Vec<T>,
+    /// The focal fade: only where feet are told apart.
+    pub(super) focal: Vec<T>,
+    pub(super) joint: Joint<T>,
     /// 0, 1, ... 15.
     numbers: Vec<T>,
 }
@@ -65,6 +71,8 @@ impl<T: Scalar> Default for Scratch<T> {
             inside: vec![0; VOXELS],
             radius: room(),
             q: room(),
+            focal: room(),
+            joint: Joint::default(),
             numbers: (0..16_u8).map(|i| T::from_f64(f64::from(i))).collect(),
         }
     }
@@ -79,6 +87,21 @@ pub struct Counts {
     pub bisected: u64,
     /// Have a foot and lie inside the tube.
     pub inside: u64,
+    /// Have several feet on one axis; counted once.
+    pub several: u64,
+    /// Lie inside a tube but beyond its focal set, where its distance to the axis has a local maximum; counted once.
+    pub beyond: u64,
+}
+
+impl Counts {
+    /// Adds those of another block.
+    pub fn add(&mut self, other: Counts) {
+        self.searched += other.searched;
+        self.bisected += other.bisected;
+        self.inside += other.inside;
+        self.several += other.several;
+        self.beyond += other.beyond;
+    }
 }
 
 /// Writes the density at 512 places of the block that the region was narrowed to.
@@ -97,26 +120,45 @@ pub fn evaluate<R: Real>(
     for value in values.iter_mut() {
         *value = zero;
     }
-    for piece in &region.pieces {
-        let packed = match piece.search {
-            Search::Point { is_corner } => at_point::<R>(token, piece, places, is_corner, scratch),
-            Search::Newton { .. } | Search::Bracket => {
-                let settled = match piece.search {
-                    Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, scratch),
-                    Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, scratch),
-                    _ => false,
-                };
-                if !settled {
-                    counts.bisected += VOXELS as u64;
-                    bracket::<R>(token, piece, places, scratch);
+    let apart = region.join.is_some();
+    if apart {
+        join::begin(&mut scratch.joint);
+    }
+    for tube in &region.tubes {
+        if apart {
+            join::open(&mut scratch.joint);
+        }
+        for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
+            let packed = match piece.search {
+                Search::Point { is_corner } => at_point::<R>(token, piece, places, is_corner, apart, scratch),
+                Search::Newton { .. } | Search::Bracket => {
+                    let settled = match piece.search {
+                        Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, scratch),
+                        Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, scratch),
+                        _ => false,
+                    };
+                    if !settled {
+                        counts.bisected += VOXELS as u64;
+                        bracket::<R>(token, piece, places, scratch);
+                    }
+                    coordinates::<R>(token, piece, places, apart, scratch)
                 }
-                coordinates::<R>(token, piece, places, scratch)
+            };
+            layers::<R>(token, region, piece.layers, piece.fades, scratch, packed);
+            if apart {
+                join::feet::<R>(token, tube, piece.arc, scratch);
+            } else {
+                join::larger::<R>(token, scratch, values);
             }
-        };
-        layers::<R>(token, region, piece.layers, piece.fades, scratch, packed);
-        join::<R>(token, scratch, values);
-        counts.searched += VOXELS as u64;
-        counts.inside += packed as u64;
+            counts.searched += VOXELS as u64;
+            counts.inside += packed as u64;
+        }
+        if let Some(rule) = region.join {
+            join::close::<R>(token, tube.overlap, rule, &mut scratch.joint, values);
+        }
+    }
+    if let Some(rule) = region.join {
+        [counts.several, counts.beyond] = join::finish::<R>(token, rule, &scratch.joint, values);
     }
     counts
 }
@@ -287,8 +329,9 @@ fn bracket<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
 ) {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
-    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let zero = R::constant(token, 0.0);
     let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
+    let one = R::constant(token, 1.0);
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
         rows.go(token, index);
@@ -297,6 +340,13 @@ fn bracket<R: Real>(
         let (at_hi, slope_hi) = equation.at::<true>(ends[1]);
         let mut changes = R::and(at_lo.le(zero), zero.le(at_hi));
         let [mut lo, mut hi] = ends;
+        let falls = R::and(zero.lt(at_lo), at_hi.lt(zero));
+        if R::bitmask(falls) != 0 {
+            // The distance is largest there, not least.
+            let farthest = zero_between(token, &equation, [hi, lo]);
+            let (u, v) = (across(token, &rows, U, farthest), across(token, &rows, V, farthest));
+            scratch.joint.beyond[index / R::LANES] |= R::bitmask(R::and(falls, (u * u + v * v).le(one)));
+        }
         // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
         let valley =
             R::and(R::and(zero.lt(at_lo), zero.lt(at_hi)), R::and(slope_lo.lt(zero), zero.lt(slope_hi)));
@@ -308,6 +358,10 @@ fn bracket<R: Real>(
             let (dips, rises) = (R::and(valley, g.le(zero)), R::and(peak, zero.le(g)));
             lo = R::select(dips, extremum, lo);
             hi = R::select(rises, extremum, hi);
+            // A foot and a place where the distance is largest lie side by side.
+            let (u, v) = (across(token, &rows, U, extremum), across(token, &rows, V, extremum));
+            let pairs = R::and(R::or(dips, rises), (u * u + v * v).le(one));
+            scratch.joint.beyond[index / R::LANES] |= R::bitmask(pairs);
             let (g_lo, _) = equation.at::<true>(lo);
             let (g_hi, _) = equation.at::<true>(hi);
             changes = R::and(g_lo.le(zero), zero.le(g_hi));
@@ -316,15 +370,24 @@ fn bracket<R: Real>(
             no_foot.store(&mut scratch.eta[index..]);
             continue;
         }
-        for _ in 0..HALVINGS {
-            let middle = (lo + hi) * half;
-            let (g, _) = equation.at::<true>(middle);
-            let below = g.lt(zero);
-            lo = R::select(below, middle, lo);
-            hi = R::select(below, hi, middle);
-        }
-        R::select(changes, (lo + hi) * half, no_foot).store(&mut scratch.eta[index..]);
+        let foot = zero_between(token, &equation, [lo, hi]);
+        R::select(changes, foot, no_foot).store(&mut scratch.eta[index..]);
     }
+}
+
+/// Where the equation is zero between a place where it is negative and one where it is positive.
+#[inline(always)]
+fn zero_between<R: Real>(token: R::Token, equation: &Equation<R>, ends: [R; 2]) -> R {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let [mut negative, mut positive] = ends;
+    for _ in 0..HALVINGS {
+        let middle = (negative + positive) * half;
+        let (g, _) = equation.at::<true>(middle);
+        let below = g.lt(zero);
+        negative = R::select(below, middle, negative);
+        positive = R::select(below, positive, middle);
+    }
+    (negative + positive) * half
 }
 
 /// Where the equation is least between `ends`, or where it is greatest if `peak`, of lanes that have such a place.
@@ -348,6 +411,7 @@ fn coordinates<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    apart: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -373,12 +437,26 @@ fn coordinates<R: Real>(
         }
         let height = along(token, &piece.height, eta);
         let mut weight = envelope(token, piece, q, height);
-        if let Some(speed) = &piece.speed {
-            weight = weight * focal(token, &rows, speed, eta);
+        if let Some(gain) = &piece.gain {
+            weight = weight * along(token, gain, eta);
         }
-        if piece.fades {
+        let mut fade = one;
+        if let Some(speed) = &piece.speed {
+            let narrowing = narrowing(token, &rows, speed, eta);
+            fade = smoothstep(token, narrowing * R::constant(token, 5.0));
+            if piece.is_faded {
+                weight = weight * fade;
+            }
+            if piece.is_full {
+                weight = weight / narrowing.most(R::constant(token, LEAST_NARROWING));
+            }
+        }
+        if piece.fades || apart {
             along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
+        }
+        if apart {
+            fade.compress(inside).store(&mut scratch.focal[packed..]);
         }
         let [u, v] = turned(token, piece, [u, v], height);
         pack(scratch, packed, inside, [u, v, height, weight]);
@@ -394,6 +472,7 @@ fn at_point<R: Real>(
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
     is_corner: bool,
+    apart: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -419,10 +498,16 @@ fn at_point<R: Real>(
         if bits == 0 {
             continue;
         }
-        let weight = envelope(token, piece, q, zero);
-        if piece.fades {
+        let mut weight = envelope(token, piece, q, zero);
+        if let Some(gain) = &piece.gain {
+            weight = weight * R::splat(token, gain[0]);
+        }
+        if piece.fades || apart {
             radius.store(&mut scratch.radius[packed..]);
             q.compress(inside).store(&mut scratch.q[packed..]);
+        }
+        if apart {
+            one.store(&mut scratch.focal[packed..]);
         }
         let [u, v] = turned(token, piece, [u, v], zero);
         pack(scratch, packed, inside, [u, v, zero, weight]);
@@ -466,12 +551,11 @@ fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], he
     [u * cos + v * sin, v * cos - u * sin]
 }
 
-/// `smoothstep(0, 0.2, 1 - kappa rho cos)`.
+/// `1 - kappa rho cos`.
 #[inline(always)]
-fn focal<R: Real>(token: R::Token, rows: &Rows<R>, speed: &[R::Scalar; 5], eta: R) -> R {
+fn narrowing<R: Real>(token: R::Token, rows: &Rows<R>, speed: &[R::Scalar; 5], eta: R) -> R {
     let (_, slope) = Equation::new(token, rows).at::<true>(eta);
-    let x = slope / along(token, speed, eta);
-    smoothstep(token, x * R::constant(token, 5.0))
+    slope / along(token, speed, eta)
 }
 
 /// `t^2 (3 - 2 t)` with t clamped to [0, 1].
@@ -553,21 +637,6 @@ pub(super) fn layers<R: Real>(
         let weight = R::load(token, &scratch.weight[first..]);
         (value * weight).store(&mut scratch.weight[first..]);
         first += R::LANES;
-    }
-}
-
-/// Unpacks the densities and keeps the larger of them and what the block holds.
-#[inline(always)]
-fn join<R: Real>(token: R::Token, scratch: &Scratch<R::Scalar>, values: &mut [R::Scalar; VOXELS]) {
-    let mut first = 0;
-    for index in (0..VOXELS).step_by(R::LANES) {
-        let bits = scratch.inside[index / R::LANES];
-        if bits != 0 {
-            let density = R::load(token, &scratch.weight[first..]).expand(R::from_bitmask(token, bits));
-            let held = R::load(token, &values[index..]);
-            density.most(held).store(&mut values[index..]);
-            first += bits.count_ones() as usize;
-        }
     }
 }
 

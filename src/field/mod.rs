@@ -7,7 +7,7 @@
 //! frame there (curve module), s its arc length, L the length of the whole curve and r the radius at s / L:
 //!
 //! ```text
-//! phi = 2 pi (twist s / L + spin time)
+//! phi = 2 pi (twist s / L + turned)       turned: spin, added up from the start frame to the scene's time
 //! U   =  N cos(phi) + B sin(phi)          V = -N sin(phi) + B cos(phi)
 //! u   = (p - C) . U / r                   v = (p - C) . V / r
 //! l   = s / L where the scene says stretch, else s
@@ -22,6 +22,10 @@
 //! with the first side's frame, so w = 0. A rotation-minimising frame is turned likewise, which makes the coordinates
 //! continuous on both sides. (Where the tangent reverses, the axis of that turn is the normal of the plane that a cusp lies
 //! in, or the frame's U in a fold.)
+//!
+//! A closed curve has no ends, and no fade there: its last segment is followed by its first, at a joint like any other. Its
+//! frame closes too (`Curve::frame`), so that u and v go on across that joint where the twist is a number of whole turns;
+//! l falls from its largest value to 0 there.
 //!
 //! ```text
 //! f_i     = gain * focal(1 - kappa rho cos) * radial(sqrt(q)) * axial(s / L) * layers(u, v, l)      for each foot i
@@ -81,8 +85,10 @@
 
 mod cover;
 mod explain;
+mod join;
 pub mod kernel;
 mod narrow;
+mod radius;
 mod region;
 pub mod rest;
 mod span;
@@ -94,7 +100,7 @@ pub use cover::Capsule;
 pub use narrow::Candidate;
 pub use region::Region;
 
-use crate::scene::Scene;
+use crate::scene::{Overlap, Scene};
 use tube::Tube;
 
 /// The cubic arrangement of voxels: voxel i along an axis is the cell from `i h` to `(i + 1) h` and its sample is the
@@ -133,14 +139,27 @@ pub const VOXELS: usize = EDGE * EDGE * EDGE;
 #[derive(Debug, Clone)]
 pub struct Field {
     tubes: Vec<Tube>,
+    overlap: Overlap,
     octave_fade: bool,
+    widen: bool,
 }
 
 impl Field {
-    /// Compiles the scene as it is `time` seconds after its start frame. Stages that it does not use are left out.
-    pub fn compile(scene: &Scene, time: f64) -> Field {
-        let tubes = scene.tubes().iter().map(|tube| Tube::compile(tube, time)).collect();
-        Field { tubes, octave_fade: scene.bake().octave_fade }
+    /// Compiles the scene as it is at its time. Stages that it does not use are left out.
+    pub fn compile(scene: &Scene) -> Field {
+        let tubes = scene.tubes().iter().map(Tube::compile).collect();
+        let bake = scene.bake();
+        Field { tubes, overlap: scene.overlap(), octave_fade: bake.octave_fade, widen: bake.widen }
+    }
+
+    /// Widens what is too thin for a lattice, where the scene says so. Without this the field is that of an endlessly fine
+    /// lattice, octaves apart.
+    pub fn widen(&mut self, lattice: Lattice) {
+        if self.widen {
+            for tube in &mut self.tubes {
+                tube.widen(lattice.voxel_size);
+            }
+        }
     }
 
     /// Corners of the box around the density, in metres; `None` where there is none.

@@ -3,15 +3,17 @@
 use glam::DVec3;
 
 use super::cover::{Capsule, Reach, support};
-use super::region::{FOOT, Layer, LayerKind, Octave, Piece, ROWS, Region, SECOND, Search, U, V, round};
+use super::region::{
+    self, FOOT, Layer, LayerKind, Octave, Part, Piece, ROWS, Region, SECOND, Search, U, V, round,
+};
 use super::span::Span;
-use super::tube::{self, PointKind, Tube};
+use super::tube::{self, CORNER, PointKind, Tube};
 use super::{Extent, Field, Lattice};
 use crate::curve::Segment;
 use crate::noise::{self, BAND};
 use crate::num::Scalar;
 use crate::num::poly::{TERMS, evaluate, substitute};
-use crate::scene::Caps;
+use crate::scene::{Caps, Conserve, Overlap};
 
 /// A part of a field that may hold feet of a block's voxels: an index into the cover.
 pub type Candidate = u32;
@@ -74,6 +76,7 @@ impl Field {
         block: [i64; 3],
         region: &mut Region<T>,
     ) {
+        region.tubes.clear();
         region.pieces.clear();
         region.layers.clear();
         region.octaves.clear();
@@ -81,10 +84,38 @@ impl Field {
         #[allow(clippy::cast_precision_loss, reason = "block coordinates fit 29 bits")]
         let centre = DVec3::from(block.map(|b| (b as f64 + 0.5) * 8.0 * h));
         let block = Block { centre, h, half_edge: extent.half_edge() * h };
+        let mut join = false;
+        let tube_of = |index: &Candidate| cover[*index as usize].tube;
+        for candidates in candidates.chunk_by(|a, b| tube_of(a) == tube_of(b)) {
+            let Some(tube) = candidates.first().map(|first| &self.tubes[tube_of(first) as usize]) else {
+                continue;
+            };
+            let first = region.pieces.len();
+            region.parts.clear();
+            self.tube(tube, cover, candidates, block, region);
+            if region.pieces.len() > first {
+                order(tube, h, &region.parts, &mut region.pieces[first..]);
+                let lap = tube.curve.is_closed().then(|| T::from_f64(tube.curve.length() / h));
+                let pieces = [first, region.pieces.len()];
+                region.tubes.push(region::Tube { pieces, overlap: tube.overlap, lap });
+                join |= may_repeat(tube, &region.parts);
+            }
+        }
+        let several = self.overlap != Overlap::Max && region.tubes.len() > 1;
+        region.join = (join || several).then_some(self.overlap);
+    }
+
+    fn tube<T: Scalar>(
+        &self,
+        tube: &Tube,
+        cover: &[Capsule],
+        candidates: &[Candidate],
+        block: Block,
+        region: &mut Region<T>,
+    ) {
         let mut rest = candidates;
         while let [first, ..] = rest {
             let capsule = cover[*first as usize];
-            let tube = &self.tubes[capsule.tube as usize];
             if capsule.is_point {
                 rest = &rest[1..];
                 self.point(tube, &capsule, block, region);
@@ -94,9 +125,7 @@ impl Field {
             let mut merged = capsule;
             let mut count = 1;
             while let Some(next) = rest.get(count).map(|&i| cover[i as usize]) {
-                let touches =
-                    next.tube == merged.tube && next.part == merged.part && next.t[0] <= merged.t[1];
-                if next.is_point || !touches {
+                if next.is_point || next.part != merged.part || next.t[0] > merged.t[1] {
                     break;
                 }
                 merged.t[1] = next.t[1];
@@ -218,7 +247,7 @@ impl Field {
         let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
 
         let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
-        let cut = tube.caps != Caps::Round;
+        let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
         let [starts, ends] = interval.t.map(|t| stands(segment_of(tube, segment), t));
@@ -238,6 +267,12 @@ impl Field {
             },
         ];
         let (layers, fades) = self.layers(tube, s, arc_middle, h, region);
+        region.parts.push(Part {
+            arc: arc_middle,
+            ends: Some([(segment, interval.t[0]), (segment, interval.t[1])]),
+            certified: interval.certified,
+        });
+        let is_full = tube.conserve == Conserve::Full;
         region.pieces.push(Piece {
             search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket },
             base: round(base),
@@ -248,7 +283,11 @@ impl Field {
             height: round(height),
             turns: turns(tube, arc_middle),
             radius: round(radius),
-            speed: is_hard.then(|| round(speed)),
+            speed: (is_hard || is_full).then(|| round(speed)),
+            is_faded: is_hard && tube.overlap != Overlap::Closest,
+            is_full,
+            gain: span.gain.map(|gain| round(substitute(&gain, centre, scale))),
+            arc: round([0.0, 1.0 / (rate * h)]),
             axial: axial(tube, s, arc_middle),
             radial: tube.radial,
             layers,
@@ -308,6 +347,12 @@ impl Field {
             base[U + 1 + k] = value;
         }
         let (layers, fades) = self.layers(tube, [section.arc; 2], section.arc, block.h, region);
+        region.parts.push(Part { arc: section.arc, ends: None, certified: true });
+        let gain = (section.gain != 1.0).then(|| {
+            let mut gain = [0.0; TERMS];
+            gain[0] = section.gain;
+            round(gain)
+        });
         let mut radius = [0.0; TERMS];
         radius[0] = section.radius / block.h;
         region.pieces.push(Piece {
@@ -321,6 +366,10 @@ impl Field {
             turns: turns(tube, section.arc),
             radius: round(radius),
             speed: None,
+            is_faded: false,
+            is_full: false,
+            gain,
+            arc: round([0.0, 1.0]),
             axial: axial(tube, [section.arc; 2], section.arc),
             radial: tube.radial,
             layers,
@@ -375,6 +424,46 @@ impl Field {
     }
 }
 
+/// Sorts the pieces along the axis, each with its arc length from that of the first; a closed axis is cut opposite to that.
+fn order<T: Scalar>(tube: &Tube, h: f64, parts: &[Part], pieces: &mut [Piece<T>]) {
+    let Some(first) = parts.first() else { return };
+    let length = tube.curve.length();
+    for (piece, part) in pieces.iter_mut().zip(parts) {
+        let mut arc = part.arc - first.arc;
+        if tube.curve.is_closed() {
+            arc -= length * (arc / length + 0.5).floor();
+        }
+        piece.arc[0] = T::from_f64(arc / h);
+    }
+    pieces.sort_by(|a, b| a.arc[0].to_f64().total_cmp(&b.arc[0].to_f64()));
+}
+
+/// Whether feet on the tube must be told apart: a voxel may have several, or one that two pieces hold.
+///
+/// It has one at most in a certified piece, and in two of them that touch, since the foot's equation increases along both;
+/// that both may hold a foot on their border does no harm where the larger density counts.
+fn may_repeat(tube: &Tube, parts: &[Part]) -> bool {
+    match parts {
+        [part] => !part.certified,
+        [a, b] if tube.overlap == Overlap::Max && a.certified && b.certified => match (a.ends, b.ends) {
+            (Some([_, end]), Some([start, _])) => !touch(tube, end, start),
+            _ => true,
+        },
+        _ => true,
+    }
+}
+
+/// Whether a piece that starts at `next` goes on where one ends at `end`, without a corner between.
+fn touch(tube: &Tube, end: (usize, f64), next: (usize, f64)) -> bool {
+    if end.0 == next.0 {
+        return next.1 <= end.1;
+    }
+    tube.curve.after(end.0) == Some(next.0)
+        && end.1 >= 1.0
+        && next.1 <= 0.0
+        && tube.curve.turn(end.0) <= CORNER
+}
+
 /// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.
 const SURE: f64 = 1e-4;
 
@@ -400,7 +489,7 @@ impl Rates {
     /// Bounds of log2 of cells per voxel over the arc lengths `s`.
     pub(super) fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
         let x = s.map(|s| s / tube.curve.length());
-        let (least, most) = tube.profile.range(x[0], x[1]);
+        let [least, most] = tube.radius.range(x);
         let low = (self.across * h / most).max(self.along);
         let high = larger_singular_value(self.across * h / least, self.twist, self.along);
         [libm::log2(low), libm::log2(high)]

@@ -3,7 +3,7 @@
 use crate::noise;
 use crate::num::Scalar;
 use crate::num::poly::TERMS;
-use crate::scene::{Op, Radial};
+use crate::scene::{Op, Overlap, Radial};
 
 /// Rows of a piece's table of coefficients that are affine in the position.
 pub(crate) const ROWS: usize = 16;
@@ -18,9 +18,16 @@ pub(crate) const SECOND: usize = 15;
 /// Lengths are in voxels and positions from the block's centre; `T` is the kernel's number in memory.
 #[derive(Debug, Clone, Default)]
 pub struct Region<T> {
+    /// The pieces of each tube, in the order of the tubes; of a tube in the order of their arc lengths.
+    pub(crate) tubes: Vec<Tube<T>>,
+    /// How the tubes join; `None` where no voxel can have two feet that join otherwise than by the larger density, so that
+    /// feet need not be told apart.
+    pub(crate) join: Option<Overlap>,
     pub(crate) pieces: Vec<Piece<T>>,
     pub(crate) layers: Vec<Layer<T>>,
     pub(crate) octaves: Vec<Octave<T>>,
+    /// Of the last tube's pieces, in the order in which they were found.
+    pub(crate) parts: Vec<Part>,
 }
 
 impl<T> Region<T> {
@@ -28,6 +35,27 @@ impl<T> Region<T> {
     pub fn is_empty(&self) -> bool {
         self.pieces.is_empty()
     }
+}
+
+/// The pieces of one tube.
+#[derive(Debug, Clone)]
+pub(crate) struct Tube<T> {
+    /// Pieces in `Region::pieces`.
+    pub(crate) pieces: [usize; 2],
+    pub(crate) overlap: Overlap,
+    /// Length of a closed axis, in voxels.
+    pub(crate) lap: Option<T>,
+}
+
+/// A piece as it lies along the axis: what narrowing knows of it, and the kernel does not read.
+#[derive(Debug, Clone)]
+pub(crate) struct Part {
+    /// Arc length at its height's origin, metres.
+    pub(crate) arc: f64,
+    /// Segment and t of both ends; `None` for points.
+    pub(crate) ends: Option<[(usize, f64); 2]>,
+    /// Holds at most one foot of every voxel.
+    pub(crate) certified: bool,
 }
 
 /// How a piece's feet are found.
@@ -63,8 +91,16 @@ pub(crate) struct Piece<T> {
     pub(crate) turns: Option<[T; 2]>,
     /// Radius in voxels: only read where octaves fade.
     pub(crate) radius: [T; TERMS],
-    /// `|q'|^2` where the focal fade is needed, for `1 - kappa rho cos = g' / |q'|^2`.
+    /// `|q'|^2` where `1 - kappa rho cos = g' / |q'|^2` is needed.
     pub(crate) speed: Option<[T; 5]>,
+    /// Whether the focal fade is part of the density.
+    pub(crate) is_faded: bool,
+    /// Whether the density is divided by `1 - kappa rho cos`.
+    pub(crate) is_full: bool,
+    /// What the density gains by the deformation, bending apart.
+    pub(crate) gain: Option<[T; TERMS]>,
+    /// Arc length in voxels, from where the block's pieces of this tube begin: at the layers' origin, and per unit of height.
+    pub(crate) arc: [T; 2],
     /// `s / L = axial[0] + axial[1] height`, with the faded fraction, where a faded end is near.
     pub(crate) axial: Option<[T; 3]>,
     pub(crate) radial: Radial,

@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::kernel::{self, Scratch};
 use super::region::Region;
-use super::span::LEAST_RADIUS;
+use super::span::MOST_GAIN;
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice, VOXELS};
 use crate::num::quadrature::gauss_legendre;
@@ -35,10 +35,13 @@ pub struct Cylinders {
     panels: usize,
 }
 
-/// Points of the unit disc, with their weights times the radial envelope.
+/// Points of the unit disc.
 #[derive(Debug, Clone, Default)]
 struct Disc {
+    /// u, v, and the weight times the radial envelope.
     points: Vec<[f64; 3]>,
+    /// Distance between rings, and between the points of each.
+    spacing: f64,
 }
 
 /// A cross-section of a cylinder at rest, or of its tube's round end.
@@ -140,7 +143,11 @@ impl Cylinders {
         scratch: &Scratch<T>,
     ) -> Masses {
         let mut masses = Masses::default();
-        let points = &self.disc(slice).points[first..first + count];
+        let disc = self.disc(slice);
+        let points = &disc.points[first..first + count];
+        // A line across the disc parts the points' own shares of it, too: `1 - kappa rho cos` over one of them.
+        let bend = (slice.bend[0] * slice.bend[0] + slice.bend[1] * slice.bend[1]).sqrt();
+        let share = if bend > 1.0 { bend * disc.spacing } else { 0.0 };
         for (&[u, v, weight], &layers) in points.iter().zip(&scratch.weight) {
             let mass = slice.weight * weight * layers.to_f64().max(0.0);
             if slice.is_cap() {
@@ -150,10 +157,15 @@ impl Cylinders {
             masses.rest += mass;
             let [u, v] = slice.turned([u, v]);
             let focal = 1.0 - (u * slice.bend[0] + v * slice.bend[1]);
-            if slice.is_deformed && focal > 0.0 {
-                masses.image += mass * slice.image(focal);
-            } else {
+            if !slice.is_deformed {
                 masses.lost += mass;
+                continue;
+            }
+            if share > 0.0 {
+                masses.lost += mass * (0.5 - focal / share).clamp(0.0, 1.0);
+            }
+            if focal > 0.0 {
+                masses.image += mass * slice.image(focal);
             }
         }
         masses
@@ -178,18 +190,16 @@ impl Slice {
     /// Mass of the image over that at rest, where `1 - kappa rho cos` is `focal`.
     fn image(&self, focal: f64) -> f64 {
         let fade = if self.fades_at_focus { smoothstep(focal / 0.2) } else { 1.0 };
-        let kept = if self.conserve == Conserve::Full { focal / focal.max(LEAST_FOCAL) } else { focal };
+        let kept =
+            if self.conserve == Conserve::Full { focal / focal.max(kernel::LEAST_NARROWING) } else { focal };
         fade * kept * self.swell
     }
 }
 
-/// Below this, `1 - kappa rho cos` no longer adds to the density of a tube that conserves fully.
-const LEAST_FOCAL: f64 = 0.05;
-
 impl Field {
     /// The cylinders at rest of the scene that the field was compiled from, in slices of about `points` points in all:
     /// more where there are very many tubes.
-    pub fn at_rest(&self, scene: &Scene, lattice: Lattice, points: u64) -> Cylinders {
+    pub fn at_rest(&self, scene: &Scene, points: u64) -> Cylinders {
         let mut cylinders = Cylinders::default();
         let volume =
             |(tube, rest): (&Tube, &scene::Tube)| rest.rest.radius * rest.rest.radius * length(tube, rest);
@@ -198,7 +208,7 @@ impl Field {
         for (index, (tube, rest)) in pairs().enumerate() {
             #[allow(clippy::cast_precision_loss, reason = "a share")]
             let share = points as f64 * (volume((tube, rest)) / whole);
-            let layout = Layout { tube, rest, index, lattice, widen: scene.bake().widen };
+            let layout = Layout { tube, rest, index };
             layout.lay(share.max(LEAST_POINTS), &mut cylinders);
         }
         cylinders
@@ -245,8 +255,6 @@ struct Layout<'a> {
     tube: &'a Tube,
     rest: &'a scene::Tube,
     index: usize,
-    lattice: Lattice,
-    widen: bool,
 }
 
 impl Layout<'_> {
@@ -295,14 +303,14 @@ impl Layout<'_> {
 
     /// Where panels end, over the fraction of the length. Those that matter least are given up where there are many.
     fn breaks(&self, points: f64) -> Vec<f64> {
-        let (curve, profile) = (&self.tube.curve, &self.tube.profile);
+        let (curve, radius) = (&self.tube.curve, &self.tube.radius);
         let mut breaks = vec![0.0, 1.0];
         if let Caps::Fade(fraction) = self.tube.caps {
             breaks.extend([fraction, 1.0 - fraction]);
         }
         let joints =
             (1..curve.segments().len()).map(|segment| curve.arc_length(segment, 0.0) / curve.length());
-        let more: Vec<f64> = profile.knots().iter().copied().chain(joints).collect();
+        let more: Vec<f64> = radius.knots().iter().copied().chain(joints).collect();
         #[allow(clippy::cast_precision_loss, reason = "compared with some hundreds")]
         if more.len() as f64 <= points / 256.0 {
             breaks.extend(more);
@@ -329,9 +337,9 @@ impl Layout<'_> {
     /// The slice at the fraction x of the length, with so much of the length around it.
     fn slice(&self, x: f64, width: f64, disc: usize, panel: usize, turns: f64) -> Slice {
         let (tube, rest) = (self.tube, &self.rest.rest);
-        let (curve, own) = (&tube.curve, tube.profile.at(x));
-        let (arc, least) = (x * curve.length(), LEAST_RADIUS * tube.profile.max());
-        let radius = self.widened(own.max(least));
+        let (curve, own) = (&tube.curve, tube.radius.own(x));
+        let arc = x * curve.length();
+        let radius = tube.radius.divisor(tube.radius.at(x));
         let (segment, t) = curve.locate(arc);
         let (d1, d2) = (curve.segments()[segment].d1(t), curve.segments()[segment].d2(t));
         let speed2 = d1.length_squared();
@@ -358,11 +366,15 @@ impl Layout<'_> {
             weight: volume * width * axial,
             turn: [libm::cos(turn), libm::sin(turn)],
             radius,
-            is_deformed: own > least,
+            is_deformed: !tube.radius.vanishes_at(x),
             bend: [n * cos + b * sin, b * cos - n * sin],
             swell: match self.rest.conserve {
                 Conserve::Off => own * own * curve.length() / volume,
-                Conserve::Radius | Conserve::Full => 1.0,
+                // The gain has its limit.
+                Conserve::Radius | Conserve::Full => {
+                    let grown = radius * radius * curve.length() / volume;
+                    (MOST_GAIN * grown).min(1.0)
+                }
             },
             conserve: self.rest.conserve,
             fades_at_focus: self.rest.overlap != Overlap::Closest,
@@ -372,26 +384,16 @@ impl Layout<'_> {
     /// The round end at 0 or 1, if the tube has a radius there.
     fn cap(&self, x: f64) -> Option<Slice> {
         let mut slice = self.slice(x, 1.0, 2, 0, 0.0);
-        let own = self.tube.profile.at(x);
+        let own = self.tube.radius.own(x);
         // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is thinner.
         let gain = match self.rest.conserve {
             Conserve::Off => own * own / (slice.radius * slice.radius),
             Conserve::Radius | Conserve::Full => {
-                slice.weight / (slice.radius * slice.radius * self.tube.curve.length())
+                (slice.weight / (slice.radius * slice.radius * self.tube.curve.length())).min(MOST_GAIN)
             }
         };
         slice.weight = gain * slice.radius * slice.radius * slice.radius;
         slice.is_deformed.then_some(slice)
-    }
-
-    /// The radius in metres that the tube has at this lattice.
-    fn widened(&self, radius: f64) -> f64 {
-        if !self.widen {
-            return radius;
-        }
-        let h = self.lattice.voxel_size;
-        let part = 1.0 - smoothstep((radius / h - 0.5) / 1.5);
-        (radius * radius + 1.44 * h * h * part).sqrt()
     }
 }
 
@@ -420,7 +422,7 @@ impl Disc {
                 number += 1.0;
             }
         }
-        Disc { points }
+        Disc { points, spacing: 1.0 / rings }
     }
 }
 

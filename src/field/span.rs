@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use crate::curve::{Curve, Profile};
+use super::radius::Radius;
+use crate::curve::Curve;
 use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
 
 /// Where the error of (u, v), and of the arc length in units of radius plus span, must stay below this.
@@ -11,6 +12,8 @@ const TOLERANCE: f64 = 3e-7;
 const DEPTH: u32 = 40;
 /// Below this fraction of the largest radius there is no tube.
 pub(crate) const LEAST_RADIUS: f64 = 1e-6;
+/// Nothing gains more density than this, so that no value leaves the range of single precision.
+pub(super) const MOST_GAIN: f64 = 1e6;
 
 /// An interval of a segment, with polynomials in tau, where t = middle + half tau.
 ///
@@ -33,12 +36,16 @@ pub(crate) struct Span {
     pub(crate) arc_middle: f64,
     /// Radius, metres.
     pub(crate) radius: [f64; TERMS],
+    /// What the density gains by the deformation, bending apart; `None` where that is nothing.
+    pub(crate) gain: Option<[f64; TERMS]>,
 }
 
 /// What a span is fitted to: the axis of one tube with its radius.
 pub(crate) struct Axis<'a> {
     pub(crate) curve: &'a Curve,
-    pub(crate) profile: &'a Profile,
+    pub(crate) radius: &'a Radius,
+    /// Where density is conserved: the square of the radius at which it is as at rest.
+    pub(crate) conserved: Option<f64>,
 }
 
 /// The tube's cross-section at one place.
@@ -50,18 +57,35 @@ pub(crate) struct Section {
     pub(crate) axes: [DVec3; 2],
     pub(crate) radius: f64,
     pub(crate) arc: f64,
+    /// What the density gains by the deformation, bending apart.
+    pub(crate) gain: f64,
 }
 
 impl Axis<'_> {
     pub(crate) fn section(&self, segment: usize, t: f64) -> Section {
         let arc = self.curve.arc_length(segment, t);
         let frame = self.curve.frame(segment, t);
+        let x = arc / self.curve.length();
         Section {
             centre: self.curve.segments()[segment].at(t),
             tangent: frame.tangent,
             axes: [frame.normal, frame.binormal],
-            radius: self.profile.at(arc / self.curve.length()),
+            radius: self.radius.at(x),
             arc,
+            gain: self.gain(x),
+        }
+    }
+
+    /// What the density gains by the deformation at the fraction x of the length, bending apart.
+    fn gain(&self, x: f64) -> f64 {
+        let radius = self.radius.at(x);
+        match self.conserved {
+            Some(square) => (square / (radius * radius)).min(MOST_GAIN),
+            None if self.radius.is_widened() => {
+                let ratio = self.radius.own(x) / radius;
+                ratio * ratio
+            }
+            None => 1.0,
         }
     }
 
@@ -81,17 +105,12 @@ impl Axis<'_> {
     fn divide(&self, segment: usize, core: [f64; 2], limit: [f64; 2], depth: u32, spans: &mut Vec<Span>) {
         let reach = 0.5 * (core[1] - core[0]);
         let fit = [(core[0] - reach).max(limit[0]), (core[1] + reach).min(limit[1])];
-        let least = LEAST_RADIUS * self.profile.max();
-        let length = self.curve.length();
-        let span_range = |t: [f64; 2]| {
-            let at = t.map(|t| self.curve.arc_length(segment, t) / length);
-            self.profile.range(at[0], at[1])
-        };
-        if span_range(core).1 <= least {
+        let places = |t: [f64; 2]| t.map(|t| self.curve.arc_length(segment, t) / self.curve.length());
+        if self.radius.vanishes(places(core)) {
             return;
         }
         let span = self.fit(segment, core, fit);
-        if depth >= DEPTH || (span_range(fit).0 > least && self.holds(segment, &span)) {
+        if depth >= DEPTH || (self.radius.lasts(places(fit)) && self.holds(segment, &span)) {
             spans.push(span);
             return;
         }
@@ -104,13 +123,15 @@ impl Axis<'_> {
         let (middle, half) = (0.5 * (fit[0] + fit[1]), 0.5 * (fit[1] - fit[0]));
         let position = substitute(self.curve.segments()[segment].power(), middle, half);
         let arc_middle = self.curve.arc_length(segment, middle);
-        let least = LEAST_RADIUS * self.profile.max();
         let sections = NODES.map(|tau| self.section(segment, middle + half * tau));
-        let across = [0, 1]
-            .map(|i| interpolate(&sections.each_ref().map(|s| s.axes[i] * (1.0 / s.radius.max(least)))));
+        let across = [0, 1].map(|i| {
+            interpolate(&sections.each_ref().map(|s| s.axes[i] * (1.0 / self.radius.divisor(s.radius))))
+        });
         let offset = [0, 1].map(|i| {
             interpolate(
-                &sections.each_ref().map(|s| (s.centre - position[0]).dot(s.axes[i]) / s.radius.max(least)),
+                &sections
+                    .each_ref()
+                    .map(|s| (s.centre - position[0]).dot(s.axes[i]) / self.radius.divisor(s.radius)),
             )
         });
         Span {
@@ -124,6 +145,8 @@ impl Axis<'_> {
             arc: interpolate(&sections.each_ref().map(|s| s.arc - arc_middle)),
             arc_middle,
             radius: interpolate(&sections.each_ref().map(|s| s.radius)),
+            gain: (self.conserved.is_some() || self.radius.is_widened())
+                .then(|| interpolate(&sections.each_ref().map(|s| s.gain))),
         }
     }
 
@@ -147,7 +170,12 @@ impl Axis<'_> {
                 });
                 worst.max((found[0] - uv[0]).abs()).max((found[1] - uv[1]).abs())
             });
-            arc_error < TOLERANCE && across_error < TOLERANCE
+            let gain_error = span.gain.map_or(0.0, |gain| {
+                // Widening thins the density out, to nothing where the tube's own radius is 0.
+                let scale = if self.conserved.is_some() { s.gain } else { 1.0 };
+                (evaluate(&gain, tau_inside) - s.gain).abs() / scale
+            });
+            arc_error < TOLERANCE && across_error < TOLERANCE && gain_error < TOLERANCE
         })
     }
 }

@@ -4,13 +4,14 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::span::{Axis, LEAST_RADIUS, Section, Span};
-use crate::curve::{Curve, Profile};
+use super::radius::Radius;
+use super::span::{Axis, Section, Span};
+use crate::curve::Curve;
 use crate::noise::{octave_offset, octave_seed};
-use crate::scene::{self, Caps, Op, Pattern, Radial};
+use crate::scene::{self, Caps, Conserve, Op, Overlap, Pattern, Radial};
 
 /// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
-const CORNER: f64 = 1e-7;
+pub(crate) const CORNER: f64 = 1e-7;
 /// Where the tangents of a cusp are taken, in t.
 const ASIDE: f64 = 1e-6;
 /// Octaves with more cells than this across the tube are left out: single precision cannot place a voxel in them.
@@ -20,13 +21,17 @@ const FINEST: f64 = 4_194_304.0;
 pub(crate) struct Tube {
     pub(crate) name: String,
     pub(crate) curve: Curve,
-    pub(crate) profile: Profile,
+    pub(crate) radius: Radius,
     /// Spans of each segment.
     pub(crate) spans: Vec<Vec<Span>>,
     /// The ends and corners where feet gather: `None` where there are none.
     pub(crate) points: Vec<Point>,
     pub(crate) caps: Caps,
     pub(crate) radial: Radial,
+    pub(crate) conserve: Conserve,
+    /// Where density is conserved: the square of the radius at which it is as at rest.
+    conserved: Option<f64>,
+    pub(crate) overlap: Overlap,
     pub(crate) layers: Vec<Layer>,
     pub(crate) stretch: bool,
     /// Turns at the start, within half a turn of 0, and per metre; `None` where nothing turns or no layer would show it.
@@ -87,26 +92,46 @@ pub(crate) struct Octave {
 }
 
 impl Tube {
-    pub(crate) fn compile(tube: &scene::Tube, time: f64) -> Tube {
-        let spin = tube.spin * time;
-        let turns = [spin - (spin + 0.5).floor(), tube.twist / tube.curve.length()];
+    pub(crate) fn compile(tube: &scene::Tube) -> Tube {
+        let turns = [tube.turned - (tube.turned + 0.5).floor(), tube.twist / tube.curve.length()];
         let is_turned = turns != [0.0; 2] && tube.layers.iter().any(|layer| !is_round(&layer.pattern));
-        let axis = Axis { curve: &tube.curve, profile: &tube.radius };
-        let breaks = breaks(&tube.curve, &tube.radius);
-        let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
-        Tube {
+        let lengthened = if tube.stretch { tube.rest.length / tube.curve.length() } else { 1.0 };
+        let mut tube = Tube {
             name: tube.name.clone(),
             curve: tube.curve.clone(),
-            profile: tube.radius.clone(),
-            spans,
-            points: points(&axis, tube.caps),
+            radius: Radius::new(&tube.radius),
+            spans: Vec::new(),
+            points: Vec::new(),
             caps: tube.caps,
             radial: tube.radial,
-            layers: tube.layers.iter().map(|layer| compile_layer(layer, time)).collect(),
+            conserve: tube.conserve,
+            conserved: (tube.conserve != Conserve::Off)
+                .then_some(tube.rest.radius * tube.rest.radius * lengthened),
+            overlap: tube.overlap,
+            layers: tube.layers.iter().map(compile_layer).collect(),
             stretch: tube.stretch,
             turns: is_turned.then_some(turns),
             twist_rate: TAU * turns[1],
+        };
+        tube.lay();
+        tube
+    }
+
+    /// Widens what is too thin for voxels of edge `h`.
+    pub(crate) fn widen(&mut self, h: f64) {
+        let before = self.radius.is_widened();
+        if self.radius.widen(h) || before {
+            self.lay();
         }
+    }
+
+    /// Lays spans and points along the curve.
+    fn lay(&mut self) {
+        let axis = Axis { curve: &self.curve, radius: &self.radius, conserved: self.conserved };
+        let breaks = breaks(&self.curve, &self.radius);
+        let spans = (0..self.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
+        let points = points(&axis, self.caps);
+        (self.spans, self.points) = (spans, points);
     }
 
     /// Change of the cylinder's height per metre of arc.
@@ -121,7 +146,6 @@ impl Tube {
         let mut include = |lo: DVec3, hi: DVec3| {
             bounds = Some(bounds.map_or([lo, hi], |[a, b]| [a.min(lo), b.max(hi)]));
         };
-        let least = LEAST_RADIUS * self.profile.max();
         for (index, spans) in self.spans.iter().enumerate() {
             let segment = &self.curve.segments()[index];
             for span in spans {
@@ -129,8 +153,8 @@ impl Tube {
                     let t = span.core[0] + (span.core[1] - span.core[0]) * f64::from(step) / f64::from(STEPS);
                     let x = self.curve.arc_length(index, t) / self.curve.length();
                     // Both sides of a jump.
-                    let radius = self.profile.range(x, x).1;
-                    if radius > least {
+                    let radius = self.radius.range([x; 2])[1];
+                    if !self.radius.vanishes([x; 2]) {
                         let tangent = segment.tangent(t);
                         let reach = (DVec3::ONE - tangent * tangent).max(DVec3::ZERO);
                         let reach = DVec3::new(reach.x.sqrt(), reach.y.sqrt(), reach.z.sqrt()) * radius;
@@ -165,9 +189,9 @@ fn is_round(pattern: &Pattern) -> bool {
 }
 
 /// Per segment, the t where the radius is not smooth or the frame jumps, in order.
-fn breaks(curve: &Curve, profile: &Profile) -> Vec<Vec<f64>> {
+fn breaks(curve: &Curve, radius: &Radius) -> Vec<Vec<f64>> {
     let mut breaks = vec![Vec::new(); curve.segments().len()];
-    for &x in profile.knots() {
+    for &x in radius.knots() {
         let (segment, t) = curve.locate(x * curve.length());
         if t > 0.0 && t < 1.0 {
             breaks[segment].push(t);
@@ -182,7 +206,6 @@ fn breaks(curve: &Curve, profile: &Profile) -> Vec<Vec<f64>> {
 
 fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
     let last = axis.curve.segments().len() - 1;
-    let least = LEAST_RADIUS * axis.profile.max();
     let mut points = Vec::new();
     if caps == Caps::Round {
         for (segment, t, side) in [(0, 0.0, -1.0), (last, 1.0, 1.0)] {
@@ -191,10 +214,12 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
             points.push(Point { section, kind: PointKind::End(outward) });
         }
     }
-    for joint in 0..last {
-        if axis.curve.turn(joint) > CORNER {
+    for joint in 0..=last {
+        if let Some(after) = axis.curve.after(joint)
+            && axis.curve.turn(joint) > CORNER
+        {
             let section = axis.section(joint, 1.0);
-            let next = axis.section(joint + 1, 0.0).tangent;
+            let next = axis.section(after, 0.0).tangent;
             points.push(Point { section, kind: PointKind::Corner(next) });
         }
     }
@@ -213,27 +238,27 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
             }
         }
     }
-    points.retain(|point| point.section.radius > least);
+    points.retain(|point| !axis.radius.vanishes_at(point.section.arc / axis.curve.length()));
     points
 }
 
-fn compile_layer(layer: &scene::Layer, time: f64) -> Layer {
+fn compile_layer(layer: &scene::Layer) -> Layer {
     let kind = match &layer.pattern {
         Pattern::Constant(value) => LayerKind::Constant(*value),
         Pattern::Sectors => LayerKind::Sectors,
-        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm, time)),
+        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm)),
     };
     Layer { op: layer.op, kind, threshold: layer.threshold, multiplier: layer.multiplier }
 }
 
-fn compile_fractal(fbm: &scene::Fbm, time: f64) -> Fractal {
+fn compile_fractal(fbm: &scene::Fbm) -> Fractal {
     let mut octaves = Vec::new();
     let mut skipped = fbm.octaves;
     let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
     for index in 0..fbm.octaves {
         let frequency = fbm.frequency.map(|f| f * scale);
         let offset = octave_offset(fbm.seed, index);
-        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scroll[i] * scale * time);
+        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scrolled[i] * scale);
         if amplitude > 0.0 && frequency[0].max(frequency[1]) <= FINEST {
             skipped -= 1;
             octaves.push(Octave { index, frequency, origin, seed: octave_seed(fbm.seed, index), amplitude });

@@ -16,8 +16,8 @@
 //! does. The noise is the sum over the eight corners of gradient . (p - corner), blended by the quintic
 //! `6 t^5 - 15 t^4 + 10 t^3` along each axis. It is not rescaled: |n| <= 1.03635381.
 //!
-//! Octave k of a fractal sum with seed s takes `n(f lac^k (u, v, l) - scroll lac^k time + o_k; e_k) * gain^k`, where
-//! f is the layer's frequency, and
+//! Octave k of a fractal sum with seed s takes `n(f lac^k (u, v, l) - scrolled lac^k + o_k; e_k) * gain^k`, where f
+//! is the layer's frequency, scrolled its scroll added up from the start frame to the scene's time, and
 //!
 //! ```text
 //! mix(x): x ^= x >> 16; x *= 0x7FEB352D; x ^= x >> 15; x *= 0x846CA68B; x ^= x >> 16

@@ -145,6 +145,8 @@ pub trait Real:
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
     /// Both.
     fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// Either.
+    fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask;
     /// The opposite.
     fn not(a: Self::Mask) -> Self::Mask;
     /// Lane i as bit i.
@@ -277,6 +279,10 @@ impl<S: Simd> Real for f32x16<S> {
         a & b
     }
     #[inline(always)]
+    fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        a | b
+    }
+    #[inline(always)]
     fn not(a: Self::Mask) -> Self::Mask {
         !a
     }
@@ -385,6 +391,10 @@ impl Real for f64 {
     #[inline(always)]
     fn and(a: bool, b: bool) -> bool {
         a && b
+    }
+    #[inline(always)]
+    fn or(a: bool, b: bool) -> bool {
+        a || b
     }
     #[inline(always)]
     fn not(a: bool) -> bool {

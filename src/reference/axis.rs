@@ -5,6 +5,7 @@ use super::quadrature::Rule;
 use super::transport::{self, Frame};
 use crate::curve::FrameRule;
 use nalgebra::Vector3;
+use std::f64::consts::{PI, TAU};
 
 /// Two tangents closer than this, in radians, make no corner: data that is smooth but for rounding stays
 /// below it.
@@ -21,6 +22,9 @@ pub(super) struct Axis {
     /// A ball around each stretch: middle and radius.
     balls: Vec<(Vector3<f64>, f64)>,
     length: f64,
+    closed: bool,
+    /// Radians per metre by which the frame is turned about the tangent, so that a lap ends as it began.
+    unwind: f64,
 }
 
 /// A piece laid along the axis.
@@ -68,16 +72,69 @@ pub(super) struct Place {
 
 impl Axis {
     /// The axis of the chain of segments with these power coefficients, at least one of them not a single
-    /// point.
-    pub(super) fn new(segments: &[[Vector3<f64>; 4]], rule: FrameRule) -> Axis {
-        let mut axis =
-            Axis { quadrature: Rule::new(16), stretches: Vec::new(), balls: Vec::new(), length: 0.0 };
+    /// point; `closed` where it goes on from the last to the first.
+    pub(super) fn new(segments: &[[Vector3<f64>; 4]], rule: FrameRule, closed: bool) -> Axis {
+        let axis = Axis::laid(segments, rule, closed, None);
+        if !closed {
+            return axis;
+        }
+        let frenet = axis.stretches.iter().any(|stretch| stretch.piece.principal(0.5).is_some());
+        if rule == FrameRule::RotationMinimising || !frenet {
+            return axis.unwound(rule);
+        }
+        // Round once more from the frame that arrives, which some curved part has determined.
+        let arriving = axis.arriving().0;
+        Axis::laid(segments, rule, closed, Some(arriving)).unwound(rule)
+    }
+
+    /// The axis whose first frame is `start`, or where there is a principal normal has that.
+    fn laid(segments: &[[Vector3<f64>; 4]], rule: FrameRule, closed: bool, start: Option<Frame>) -> Axis {
+        let mut axis = Axis {
+            quadrature: Rule::new(16),
+            stretches: Vec::new(),
+            balls: Vec::new(),
+            length: 0.0,
+            closed,
+            unwind: 0.0,
+        };
         for (number, c) in segments.iter().enumerate() {
             for piece in Piece::cut(number, c, rule == FrameRule::Frenet) {
-                axis.lay(piece);
+                axis.lay(piece, start);
             }
         }
         axis
+    }
+
+    /// The frame that arrives at the start after a lap, and the axis about which the tangent turns there.
+    fn arriving(&self) -> (Frame, Vector3<f64>) {
+        let (last, first) = (&self.stretches[self.stretches.len() - 1], &self.stretches[0]);
+        let tangent = first.entry.tangent;
+        let hinge = hinge(last, &first.piece, &tangent);
+        (last.exit.turned(&hinge, tangent), hinge)
+    }
+
+    /// Closes the joint from the last stretch to the first; with a frame that turns least, turns that back over the
+    /// length by as much as it has turned after a lap.
+    fn unwound(mut self, rule: FrameRule) -> Axis {
+        let (arriving, hinge) = self.arriving();
+        let entry = self.stretches[0].entry;
+        self.stretches[0].hinge = hinge;
+        if rule == FrameRule::RotationMinimising {
+            let turned = entry.normal.cross(&arriving.normal).dot(&entry.tangent);
+            let angle = libm::atan2(turned, entry.normal.dot(&arriving.normal));
+            // Half a turn has two signs, of which rounding must not choose.
+            let angle = if angle < 1e-9 - PI { angle + TAU } else { angle };
+            self.unwind = -angle / self.length;
+            for i in 0..self.stretches.len() {
+                let [enter, leave] = [false, true].map(|leaves| {
+                    let piece = &self.stretches[i].piece;
+                    let x = if leaves { piece.exit() } else { 1.0 - piece.exit() };
+                    self.frame(&self.stretches[i], x).1
+                });
+                (self.stretches[i].entry, self.stretches[i].exit) = (enter, leave);
+            }
+        }
+        self
     }
 
     /// Arc length of the whole curve, metres.
@@ -97,7 +154,7 @@ impl Axis {
         self.frame(stretch, (t - piece.t(0.0)) / (piece.t(1.0) - piece.t(0.0)))
     }
 
-    fn lay(&mut self, piece: Piece) {
+    fn lay(&mut self, piece: Piece, start: Option<Frame>) {
         let mut panels = Vec::new();
         self.cut(&piece, 0.0, 1.0, &mut panels);
         let (first, last) = (1.0 - piece.exit(), piece.exit());
@@ -107,7 +164,7 @@ impl Axis {
                 let hinge = hinge(before, &piece, &tangent);
                 (hinge, before.exit.turned(&hinge, tangent))
             }
-            None => (Vector3::zeros(), Frame::at_start(tangent)),
+            None => (Vector3::zeros(), start.unwrap_or_else(|| Frame::at_start(tangent))),
         };
         if let Some(normal) = piece.principal(first) {
             entry = Frame::new(tangent, normal);
@@ -182,7 +239,9 @@ impl Axis {
         let panel = &stretch.panels[stretch.panels.partition_point(|panel| panel.x <= x).max(1) - 1];
         let arc = self.arc(stretch, x);
         let normal = piece.principal(x).unwrap_or_else(|| transport::step(piece, panel.x, x, panel.normal));
-        (arc, Frame::new(piece.tangent_along(x), normal))
+        let frame = Frame::new(piece.tangent_along(x), normal);
+        let back = self.unwind * arc;
+        (arc, Frame::new(frame.tangent, libm::cos(back) * frame.normal + libm::sin(back) * frame.binormal))
     }
 
     /// Every place where the distance from p has a local minimum; beyond the ends of the curve only with
@@ -197,11 +256,14 @@ impl Axis {
             }
             let stretch = &self.stretches[i];
             places.extend(stretch.piece.feet(p).into_iter().map(|x| self.place(stretch, x, p)));
-            if let Some(after) = self.stretches.get(i + 1) {
+            let wrap = if self.closed { self.stretches.first() } else { None };
+            if let Some(after) = self.stretches.get(i + 1).or(wrap) {
                 self.join(stretch, after, p, &mut places);
             }
         }
-        if let (true, Some(first), Some(last)) = (round, self.stretches.first(), self.stretches.last()) {
+        if let (true, Some(first), Some(last)) =
+            (round && !self.closed, self.stretches.first(), self.stretches.last())
+        {
             let arm = p - first.piece.point(1.0 - first.piece.exit());
             if arm.dot(&first.entry.tangent) < 0.0 {
                 places.push(first.end(false, 0.0, arm, true));

@@ -20,6 +20,7 @@
 //! - a cusp or fold inside a segment is a corner of half a turn. There, and where a segment comes straight
 //!   back on the one before it, `T1 x T2` has no direction; instead it is the normal of a cusp's plane, else
 //!   the frame's normal;
+//! - on a closed curve the last stretch is before the first in all of this;
 //! - the corner's frame is that at the end of the first segment, Frenet's too;
 //! - with round caps the end is a foot of every point beyond its normal plane, whatever else is nearer.
 
@@ -36,7 +37,7 @@ mod transport;
 
 pub use noise::{fbm, octave_weight, perlin};
 
-use crate::scene::{Caps, Layer, Op, Pattern, Radial, Scene, Tube};
+use crate::scene::{Caps, Conserve, Layer, Op, Overlap, Pattern, Radial, Scene, Tube};
 use axis::{Axis, Place};
 use nalgebra::{Matrix2, Vector3};
 use radius::Radius;
@@ -52,9 +53,9 @@ const VANISHED: f64 = 1e-6;
 #[derive(Debug, Clone)]
 pub struct Reference {
     tubes: Vec<Bent>,
-    time: f64,
     /// Edge of a voxel in metres, where octaves fade.
     voxel_size: Option<f64>,
+    overlap: Overlap,
 }
 
 /// A tube with its axis worked out.
@@ -63,6 +64,17 @@ struct Bent {
     tube: Tube,
     axis: Axis,
     radius: Radius,
+    /// Edge of the voxel in metres that thin parts are widened to.
+    widened: Option<f64>,
+}
+
+/// What one foot, or one tube, has to say of the density at a point.
+#[derive(Debug, Clone, Copy)]
+struct Voice {
+    density: f64,
+    weight: f64,
+    /// Distance from the point to the axis, metres.
+    distance: f64,
 }
 
 /// Where a point's distance to an axis has a local minimum.
@@ -89,7 +101,7 @@ pub struct Cylindrical {
     pub l: f64,
     /// s / L.
     pub fraction: f64,
-    /// Radius of the tube there, metres.
+    /// Radius of the tube there, metres; where the tube is widened, widened.
     pub radius: f64,
     /// `1 - kappa rho cos`.
     pub focal: f64,
@@ -103,28 +115,22 @@ impl Cylindrical {
 }
 
 impl Reference {
-    /// The scene at `time` in seconds.
+    /// The scene as it is at its time.
     ///
-    /// With a voxel size in metres, octaves fade as the scene's settings say; without one, none does.
-    pub fn new(scene: &Scene, time: f64, voxel_size: Option<f64>) -> Reference {
-        let tubes = scene.tubes.iter().map(Bent::new).collect();
-        Reference { tubes, time, voxel_size: voxel_size.filter(|_| scene.bake.octave_fade) }
+    /// With a voxel size in metres, octaves fade and thin tubes are widened as the scene's settings say; without one,
+    /// none.
+    pub fn new(scene: &Scene, voxel_size: Option<f64>) -> Reference {
+        let widened = voxel_size.filter(|_| scene.bake.widen);
+        let tubes = scene.tubes.iter().map(|tube| Bent::new(tube, widened)).collect();
+        let voxel_size = voxel_size.filter(|_| scene.bake.octave_fade);
+        Reference { tubes, voxel_size, overlap: scene.overlap }
     }
 
     /// The density at a world point, metres.
     pub fn density(&self, p: [f64; 3]) -> f64 {
-        let mut density = 0.0_f64;
-        for bent in &self.tubes {
-            for place in bent.places(p, Some(SLACK * bent.radius.largest())) {
-                if let Some(at) = bent.cylindrical(&place, self.time)
-                    && at.q() <= 1.0
-                {
-                    let fade = smoothstep(0.0, 0.2, at.focal);
-                    density = density.max(fade * bent.contribution(&at, self.time, self.voxel_size));
-                }
-            }
-        }
-        density
+        let voices: Vec<Voice> =
+            self.tubes.iter().filter_map(|bent| bent.voice(p, self.voxel_size)).collect();
+        join(self.overlap, &voices).map_or(0.0, |voice| voice.density.max(0.0))
     }
 
     /// Every foot of a world point on the axis of tube number `tube`, at any distance.
@@ -148,7 +154,7 @@ impl Reference {
     /// If there is no such tube.
     pub fn cylinder(&self, tube: usize, p: [f64; 3]) -> Vec<Cylindrical> {
         let bent = &self.tubes[tube];
-        bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place, self.time)).collect()
+        bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place)).collect()
     }
 
     /// Arc length of the axis of tube number `tube`, metres.
@@ -162,12 +168,62 @@ impl Reference {
 }
 
 impl Bent {
-    fn new(tube: &Tube) -> Bent {
+    fn new(tube: &Tube, widened: Option<f64>) -> Bent {
         let vector = |v: &glam::DVec3| Vector3::new(v.x, v.y, v.z);
         let segments: Vec<_> =
             tube.curve.segments().iter().map(|segment| segment.power().each_ref().map(vector)).collect();
-        let axis = Axis::new(&segments, tube.frame);
-        Bent { tube: tube.clone(), axis, radius: Radius::new(&tube.radius) }
+        let axis = Axis::new(&segments, tube.frame, tube.curve.is_closed());
+        Bent { tube: tube.clone(), axis, radius: Radius::new(&tube.radius), widened }
+    }
+
+    /// All feet of a point together; none where no foot counts.
+    fn voice(&self, p: [f64; 3], voxel_size: Option<f64>) -> Option<Voice> {
+        let mut voices: Vec<(f64, Voice)> = Vec::new();
+        let reach = SLACK * self.wide(self.radius.largest());
+        for place in self.places(p, Some(reach)) {
+            let Some(at) = self.cylindrical(&place).filter(|at| at.q() <= 1.0) else { continue };
+            // A foot on a joint is listed from both sides.
+            let length = self.axis.length();
+            let apart = |arc: f64| {
+                let apart = (arc - place.arc).abs();
+                if self.tube.curve.is_closed() { apart.min(length - apart) } else { apart }
+            };
+            if voices.iter().any(|(arc, _)| apart(*arc) < 1e-9 * length) {
+                continue;
+            }
+            let fade = smoothstep(0.0, 0.2, at.focal);
+            let unfaded = self.gain(&at) * self.contribution(&at, voxel_size);
+            let density = if self.tube.overlap == Overlap::Closest { unfaded } else { fade * unfaded };
+            let rim = 1.0 - at.q().sqrt();
+            voices.push((
+                place.arc,
+                Voice { density, weight: fade * rim * rim, distance: at.q().sqrt() * at.radius },
+            ));
+        }
+        let voices: Vec<Voice> = voices.into_iter().map(|(_, voice)| voice).collect();
+        join(self.tube.overlap, &voices)
+    }
+
+    /// The radius that the tube shows.
+    fn wide(&self, own: f64) -> f64 {
+        self.widened.map_or(own, |h| {
+            let gone = smoothstep(0.5, 2.0, own / h);
+            libm::hypot(own, 1.2 * h * (1.0 - gone).sqrt())
+        })
+    }
+
+    /// The rest volume over the deformed one.
+    fn gain(&self, at: &Cylindrical) -> f64 {
+        let own = self.radius.at(at.fraction);
+        let squared = |x: f64| x * x;
+        let thinning = squared(own / at.radius);
+        if self.tube.conserve == Conserve::Off {
+            return thinning;
+        }
+        let rest = self.tube.rest;
+        let stretch = if self.tube.stretch { self.axis.length() / rest.length } else { 1.0 };
+        let across = (thinning * squared(rest.radius / own) / stretch).min(1e6);
+        if self.tube.conserve == Conserve::Full { across / at.focal.max(0.05) } else { across }
     }
 
     fn places(&self, p: [f64; 3], reach: Option<f64>) -> Vec<Place> {
@@ -175,13 +231,14 @@ impl Bent {
     }
 
     /// None where the tube has no radius.
-    fn cylindrical(&self, place: &Place, time: f64) -> Option<Cylindrical> {
+    fn cylindrical(&self, place: &Place) -> Option<Cylindrical> {
         let fraction = place.arc / self.axis.length();
-        let radius = self.radius.at(fraction);
-        if radius <= 0.0 || radius < VANISHED * self.radius.largest() {
+        let own = self.radius.at(fraction);
+        if own <= 0.0 || own < VANISHED * self.radius.largest() {
             return None;
         }
-        let turns = self.tube.twist * fraction + self.tube.spin * time;
+        let radius = self.wide(own);
+        let turns = self.tube.twist * fraction + self.tube.turned;
         let phi = TAU * (turns - turns.floor());
         let (sin, cos) = (libm::sin(phi), libm::cos(phi));
         let (n, b) = (place.arm.dot(&place.frame.normal), place.arm.dot(&place.frame.binormal));
@@ -198,7 +255,7 @@ impl Bent {
     }
 
     /// The density of the tube before it is deformed.
-    fn contribution(&self, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn contribution(&self, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let radial = match self.tube.radial {
             Radial::Smooth => (1.0 - distance * distance) * (1.0 - distance * distance),
@@ -212,7 +269,7 @@ impl Bent {
         };
         let mut value = 1.0;
         for layer in &self.tube.layers {
-            let term = self.term(layer, at, time, voxel_size);
+            let term = self.term(layer, at, voxel_size);
             value = match layer.op {
                 Op::Multiply => value * term,
                 Op::Add => value + term,
@@ -223,13 +280,13 @@ impl Bent {
         radial * axial * value
     }
 
-    fn term(&self, layer: &Layer, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn term(&self, layer: &Layer, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let pattern = match &layer.pattern {
             Pattern::Constant(value) => *value,
             Pattern::Sectors => f64::from(at.u * at.v > 0.0),
             Pattern::Perlin(noise) => {
                 let cells = voxel_size.map(|h| h * self.rate(noise.frequency, at));
-                fbm(noise, [at.u, at.v, at.l], time, cells)
+                fbm(noise, [at.u, at.v, at.l], cells)
             }
         };
         layer.multiplier * layer.threshold.map_or(pattern, |threshold| (pattern - threshold).max(0.0))
@@ -242,6 +299,23 @@ impl Bent {
         let swirl = TAU * self.tube.twist * across * at.q().sqrt() / self.axis.length();
         Matrix2::new(across / at.radius, swirl, 0.0, along).singular_values().max()
     }
+}
+
+/// Several densities as one; none of none.
+fn join(rule: Overlap, voices: &[Voice]) -> Option<Voice> {
+    let first = voices.first()?;
+    let weight: f64 = voices.iter().map(|voice| voice.weight).sum();
+    let nearest = voices.iter().fold(first, |a, b| if b.distance < a.distance { b } else { a });
+    let density = match rule {
+        Overlap::Max => voices.iter().fold(f64::NEG_INFINITY, |most, voice| most.max(voice.density)),
+        Overlap::Sum => voices.iter().map(|voice| voice.density).sum(),
+        Overlap::Closest => nearest.density,
+        Overlap::Blend if weight > 0.0 => {
+            voices.iter().map(|voice| voice.weight * voice.density).sum::<f64>() / weight
+        }
+        Overlap::Blend => 0.0,
+    };
+    Some(Voice { density, weight, distance: nearest.distance })
 }
 
 /// `t^2 (3 - 2 t)` with `t = (x - a) / (b - a)` clamped to [0, 1].

@@ -24,11 +24,11 @@ pub fn perlin(cell: [i64; 3], fraction: [f64; 3], seed: u32) -> f64 {
     sum
 }
 
-/// A fractal sum at cylinder coordinates (u, v, l) and time in seconds.
+/// A fractal sum at cylinder coordinates (u, v, l).
 ///
 /// `cells_per_voxel`, where given, is `h sigma` of the field module's definition: octave k is weighted by
 /// what is left of it at `lac^k` times as many cells a voxel.
-pub fn fbm(noise: &Fbm, position: [f64; 3], time: f64, cells_per_voxel: Option<f64>) -> f64 {
+pub fn fbm(noise: &Fbm, position: [f64; 3], cells_per_voxel: Option<f64>) -> f64 {
     let (mut frequency, mut amplitude) = (Exact::new(1.0), 1.0);
     let (mut sum, mut total) = (0.0, 0.0);
     for k in 0..noise.octaves {
@@ -38,7 +38,7 @@ pub fn fbm(noise: &Fbm, position: [f64; 3], time: f64, cells_per_voxel: Option<f
             let (mut cell, mut fraction) = ([0; 3], [0.0; 3]);
             for (axis, salt) in (0..3).zip(1..) {
                 let still = frequency.times(noise.frequency[axis]).times(position[axis]);
-                let moved = still + frequency.times(noise.scroll[axis]).times(-time);
+                let moved = still + frequency.times(-noise.scrolled[axis]);
                 let offset = f64::from(mix(base.wrapping_add(salt))) / 4_294_967_296.0;
                 (cell[axis], fraction[axis]) = (moved + Exact::new(offset)).split();
             }
@@ -162,7 +162,7 @@ mod tests {
             gain: 0.5,
             normalise: false,
             seed: 3,
-            scroll: [0.0; 3],
+            scrolled: [0.0; 3],
         }
     }
 
@@ -246,8 +246,8 @@ mod tests {
 
     #[test]
     fn sums_octaves_as_defined() {
-        let noise = Fbm { octaves: 3, normalise: true, gain: 0.25, scroll: [0.5, 0.0, -1.0], ..plain() };
-        let (p, time) = ([0.3, -1.7, 2.2], 0.75);
+        let noise = Fbm { octaves: 3, normalise: true, gain: 0.25, scrolled: [0.375, 0.0, -0.75], ..plain() };
+        let p = [0.3, -1.7, 2.2];
         let mut sum = 0.0;
         for k in 0..3_u32 {
             let base = 3_u32.wrapping_mul(0x9E37_79B9).wrapping_add(4 * k);
@@ -256,7 +256,7 @@ mod tests {
             for axis in 0..3 {
                 let salt = 1 + u32::try_from(axis).unwrap();
                 let offset = f64::from(mix(base.wrapping_add(salt))) / 4_294_967_296.0;
-                let x = p[axis] * scale - noise.scroll[axis] * scale * time + offset;
+                let x = p[axis] * scale - noise.scrolled[axis] * scale + offset;
                 #[allow(clippy::cast_possible_truncation, reason = "small")]
                 let floor = x.floor() as i64;
                 (cell[axis], fraction[axis]) = (floor, x - x.floor());
@@ -264,9 +264,9 @@ mod tests {
             sum += perlin(cell, fraction, mix(base)) / f64::from(1_u32 << (2 * k));
         }
         let wanted = sum / (1.0 + 0.25 + 0.0625);
-        let found = fbm(&noise, p, time, None);
+        let found = fbm(&noise, p, None);
         assert!((found - wanted).abs() < 1e-14, "{found} against {wanted}");
-        assert_eq!(fbm(&Fbm { octaves: 0, ..noise }, p, time, None), 0.0);
+        assert_eq!(fbm(&Fbm { octaves: 0, ..noise }, p, None), 0.0);
     }
 
     /// A billion cells away, a pattern moved by a whole number of cells: the fraction comes through
@@ -294,12 +294,12 @@ mod tests {
         let noise = Fbm { octaves: 6, ..plain() };
         let p = [0.3, 0.4, 0.9];
         // Octave k has 0.3 2^k cells a voxel: k = 0 and 1 are whole, k = 2 is on its way, the rest is gone.
-        let found = fbm(&noise, p, 0.0, Some(0.3));
-        let [one, two, three] = [1, 2, 3].map(|octaves| fbm(&Fbm { octaves, ..noise.clone() }, p, 0.0, None));
+        let found = fbm(&noise, p, Some(0.3));
+        let [one, two, three] = [1, 2, 3].map(|octaves| fbm(&Fbm { octaves, ..noise.clone() }, p, None));
         let weight = octave_weight(1.2);
         assert!(weight > 0.0 && weight < 1.0 && one != two);
         assert!((found - (two + weight * (three - two))).abs() < 1e-15);
-        let normalised = fbm(&Fbm { normalise: true, ..noise }, p, 0.0, Some(0.3));
+        let normalised = fbm(&Fbm { normalise: true, ..noise }, p, Some(0.3));
         assert!((normalised - found / (2.0 - 1.0 / 32.0)).abs() < 1e-15);
     }
 }

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
-use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase};
+use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase, Warnings};
 use glam::DVec3;
 
 /// Uniform numbers in [0, 1) (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
@@ -32,8 +32,10 @@ fn tube(segments: Vec<Segment>) -> Tube {
         name: "tube".into(),
         curve: Curve::new(segments, FrameRule::RotationMinimising).unwrap(),
         radius: Profile::constant(0.5).unwrap(),
+        sampling_error: None,
         twist: 0.0,
         spin: 0.0,
+        turned: 0.0,
         stretch: true,
         frame: FrameRule::RotationMinimising,
         caps: Caps::Flat,
@@ -49,18 +51,25 @@ fn scene(tubes: Vec<Tube>) -> Scene {
     Scene {
         name: "scene".into(),
         bake: Bake { step: Step::VoxelSize(0.1), cutoff: 0.0, octave_fade: true, widen: true },
-        time: TimeBase { fps: 24.0, start: 1 },
+        time: TimeBase { fps: 24.0, start: 1, end: None },
         overlap: Overlap::Max,
         tubes,
         medium: Medium { extinction: 1.0, albedo: 0.5, anisotropy: 0.0 },
         camera: Camera::default(),
         lights: Vec::new(),
         text: String::new(),
+        inputs: Vec::new(),
+        warnings: Warnings::default(),
+        origin: String::new(),
+        seconds: 0.0,
+        moving: false,
     }
 }
 
+/// A tube after it has spun for `time` seconds.
 fn reference(tube: &Tube, time: f64) -> Reference {
-    Reference::new(&scene(vec![tube.clone()]), time, None)
+    let tube = Tube { turned: tube.spin * time, ..tube.clone() };
+    Reference::new(&scene(vec![tube]), None)
 }
 
 fn quadratic(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Segment {
@@ -92,7 +101,7 @@ fn noise() -> Fbm {
         gain: 0.5,
         normalise: true,
         seed: 7,
-        scroll: [0.0, 0.1, -0.3],
+        scrolled: [0.0, 0.05, -0.15],
     }
 }
 
@@ -429,7 +438,7 @@ fn the_largest_contribution_of_all_tubes_counts() {
     low.radial = Radial::Linear;
     let mut high = tube(vec![line([0.3, 0.0, 0.0], [0.3, 0.0, 1.0])]);
     high.radial = Radial::Linear;
-    let both = Reference::new(&scene(vec![low.clone(), high.clone()]), 0.0, None);
+    let both = Reference::new(&scene(vec![low.clone(), high.clone()]), None);
     for x in [0.0, 0.1, 0.2, 0.3] {
         let p = [x, 0.05, 0.5];
         let wanted = reference(&low, 0.0).density(p).max(reference(&high, 0.0).density(p));
@@ -459,7 +468,7 @@ fn octaves_fade_by_cells_per_voxel() {
     tube.layers.push(layer(Op::Add, Pattern::Perlin(noise), None, 1.0));
     let mut scene = scene(vec![tube]);
     let p = [0.1, 0.2, 0.7];
-    let density = |scene: &Scene, h| Reference::new(scene, 0.0, h).density(p);
+    let density = |scene: &Scene, h| Reference::new(scene, h).density(p);
     let full = density(&scene, None) - 2.0;
     assert!(full.abs() > 0.01);
     // 3 cells a radius of 0.5 are 6 a metre: faded wholly at h = 1.6 / 6, not at all at 0.7 / 6.
@@ -528,13 +537,13 @@ fn scale_does_not_matter() {
 #[test]
 fn extreme_numbers_give_finite_densities() {
     let mut random = Random(10);
-    let wild = Fbm { octaves: 32, lacunarity: 1e12, gain: 1.5, scroll: [1e9; 3], ..noise() };
+    let wild = Fbm { octaves: 32, lacunarity: 1e12, gain: 1.5, scrolled: [1e18; 3], ..noise() };
     let still = Fbm { frequency: [0.0; 3], octaves: 4, gain: 0.0, ..noise() };
     for sharpness in [0.0, 1e-15, 1e-12, 1e-9, 1e-3] {
         let cusp = cubic([0.0; 3], [1.0, 1.0, sharpness], [0.0, 1.0, 0.0], [1.0 + sharpness, 0.0, 0.0]);
         let fold = quadratic([1.0, 0.0, 0.0], [4.0, sharpness, 0.0], [3.0, 0.0, 0.0]);
         let mut tube = tube(vec![cusp, quadratic([1.0 + sharpness, 0.0, 0.0], [1.0; 3], [1.0; 3])]);
-        (tube.twist, tube.spin) = (1e4, 1e9);
+        (tube.twist, tube.turned) = (1e4, 1e18);
         tube.layers = vec![layer(Op::Multiply, Pattern::Perlin(wild.clone()), Some(-5.0), 1.0)];
         tube.layers.push(layer(Op::Add, Pattern::Perlin(still.clone()), None, 1.0));
         let mut folded = tube.clone();
@@ -544,7 +553,7 @@ fn extreme_numbers_give_finite_densities() {
             (tube.frame, folded.frame) = (rule, rule);
             let scene = scene(vec![tube.clone(), folded.clone()]);
             for voxel in [None, Some(1e-3)] {
-                let reference = Reference::new(&scene, 1e9, voxel);
+                let reference = Reference::new(&scene, voxel);
                 for _ in 0..50 {
                     let density = reference.density(random.point(1.5));
                     assert!(density.is_finite() && density >= 0.0, "{density}");

@@ -114,7 +114,7 @@ mod tests {
         let mut random = Random(2);
         for _ in 0..8 {
             let segment = random_cubic(&mut random);
-            let axis = Axis::new(&[power(&segment)], FrameRule::RotationMinimising);
+            let axis = Axis::new(&[power(&segment)], FrameRule::RotationMinimising, false);
             let c = power(&segment);
             let slope = |t: f64, n: &Vector3<f64>| {
                 let (d1, d2) = (c[1] + 2.0 * t * c[2] + 3.0 * t * t * c[3], 2.0 * c[2] + 6.0 * t * c[3]);
@@ -155,7 +155,7 @@ mod tests {
                 [p, v, 3.0 * (q - p) - 2.0 * v - w, 2.0 * (p - q) + v + w]
             })
             .collect();
-        let axis = Axis::new(&segments, FrameRule::RotationMinimising);
+        let axis = Axis::new(&segments, FrameRule::RotationMinimising, false);
         // Hermite pieces: position off by step^4 / 384, tangents by step^3, from side to side.
         let length = turns * TAU * (a * a + b * b).sqrt();
         assert!((axis.length() - length).abs() < 1e-6);
@@ -222,7 +222,7 @@ mod tests {
             for rule in [FrameRule::RotationMinimising, FrameRule::Frenet] {
                 let curve = Curve::new(segments.clone(), rule).unwrap();
                 let powers: Vec<_> = curve.segments().iter().map(power).collect();
-                let axis = Axis::new(&powers, rule);
+                let axis = Axis::new(&powers, rule, false);
                 assert!((axis.length() - curve.length()).abs() < 1e-12 * axis.length());
                 for segment in 0..segments.len() {
                     for i in 1..40 {

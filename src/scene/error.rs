@@ -92,6 +92,7 @@ impl Fault {
 pub(super) struct Faults {
     list: RefCell<Vec<Fault>>,
     more: Cell<usize>,
+    warnings: RefCell<Vec<Fault>>,
 }
 
 impl Faults {
@@ -104,9 +105,30 @@ impl Faults {
         }
     }
 
+    /// Keeps what is no fault, but hardly meant.
+    pub(super) fn warn(&self, warning: Fault) {
+        let mut warnings = self.warnings.borrow_mut();
+        if warnings.len() < SHOWN {
+            warnings.push(warning);
+        }
+    }
+
+    /// The warnings, in the order of `text`; of many the first hundred.
+    pub(super) fn take_warnings(&self, origin: &str, text: &str) -> Warnings {
+        let list = self.warnings.take();
+        Warnings((!list.is_empty()).then(|| SceneErrors::new(origin, text, list, 0)).map(Box::new))
+    }
+
     /// Counts faults that are not shown.
     pub(super) fn omit(&self, count: usize) {
         self.more.set(self.more.get() + count);
+    }
+
+    /// Adds a note to every fault.
+    pub(super) fn note(&self, note: &str) {
+        for fault in self.list.borrow_mut().iter_mut() {
+            fault.notes.push(note.to_owned());
+        }
     }
 
     /// Removes the faults for which `keep` is false.
@@ -168,17 +190,17 @@ impl SceneErrors {
 
     /// As `Display` shows it, in colours for a terminal.
     pub fn to_coloured(&self) -> String {
-        self.render(&Renderer::styled())
+        self.render(&Renderer::styled(), Level::ERROR)
     }
 
-    fn render(&self, renderer: &Renderer) -> String {
+    fn render(&self, renderer: &Renderer, level: Level<'static>) -> String {
         let starts = line_starts(&self.text);
         let mut out = String::new();
         for fault in &self.faults {
             if !out.is_empty() {
                 out.push_str("\n\n");
             }
-            out.push_str(&renderer.render(&[self.group(fault, &starts)]));
+            out.push_str(&renderer.render(&[self.group(fault, &starts, level.clone())]));
         }
         match self.more {
             0 => {}
@@ -188,7 +210,7 @@ impl SceneErrors {
         out
     }
 
-    fn group<'a>(&'a self, fault: &'a Fault, starts: &[usize]) -> Group<'a> {
+    fn group<'a>(&'a self, fault: &'a Fault, starts: &[usize], level: Level<'a>) -> Group<'a> {
         let (line, primary) = self.mark(AnnotationKind::Primary, &fault.span, &fault.label, starts);
         let mut first = self.line(line, starts).annotation(primary);
         let mut second = None;
@@ -200,7 +222,7 @@ impl SceneErrors {
                 second = Some(self.line(other, starts).annotation(context));
             }
         }
-        Level::ERROR
+        level
             .primary_title(fault.title.as_str())
             .element(first)
             .elements(second)
@@ -229,11 +251,42 @@ impl SceneErrors {
 
 impl fmt::Display for SceneErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.render(&Renderer::plain()))
+        f.write_str(&self.render(&Renderer::plain(), Level::ERROR))
     }
 }
 
 impl std::error::Error for SceneErrors {}
+
+/// What in a scene is valid, but hardly meant; mostly nothing.
+///
+/// `Display` renders each with its place, as [`SceneErrors`] does, and nothing where there is none.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Warnings(Option<Box<SceneErrors>>);
+
+impl Warnings {
+    /// The warnings, in the order of the text.
+    pub fn list(&self) -> &[Fault] {
+        self.0.as_ref().map_or(&[], |errors| errors.faults())
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_none()
+    }
+
+    /// As `Display` shows them, in colours for a terminal.
+    pub fn to_coloured(&self) -> String {
+        self.0.as_ref().map_or_else(String::new, |errors| errors.render(&Renderer::styled(), Level::WARNING))
+    }
+}
+
+impl fmt::Display for Warnings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0
+            .as_ref()
+            .map_or(Ok(()), |errors| f.write_str(&errors.render(&Renderer::plain(), Level::WARNING)))
+    }
+}
 
 /// Byte offsets at which the lines begin; the first is 0.
 fn line_starts(text: &str) -> Vec<usize> {

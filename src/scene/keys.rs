@@ -23,7 +23,7 @@ pub(super) static BAKE: Section = Section {
     later: &[],
 };
 
-pub(super) static TIME: Section = Section { name: "[time]", keys: &["fps", "start"], later: &[] };
+pub(super) static TIME: Section = Section { name: "[time]", keys: &["fps", "start", "end"], later: &[] };
 
 pub(super) static TUBE: Section = Section {
     name: "[[tube]]",
@@ -36,15 +36,26 @@ pub(super) static TUBE: Section = Section {
 
 pub(super) static CURVE: Section = Section {
     name: "curve",
-    keys: &["kind", "points"],
-    later: &[
-        (
-            "closed",
-            "this version takes open quadratic and cubic curves; to close one, end it where it starts",
-        ),
-        ("file", "this version takes quadratic and cubic curves whose `points` are in the scene"),
-    ],
+    keys: &["kind", "points", "file", "closed", "alpha", "scale", "about"],
+    later: &[],
 };
+
+pub(super) static RADIUS: Section = Section {
+    name: "radius",
+    keys: &["kind", "mean", "amplitude", "waves", "phase", "from", "to", "power", "file"],
+    later: &[],
+};
+
+/// A number that changes over time.
+pub(super) static TRACK: Section = Section {
+    name: "a number over time",
+    keys: &["keys", "interpolation", "repeat", "mean", "amplitude", "period", "phase"],
+    later: &[],
+};
+
+/// A point that moves in a circle.
+pub(super) static ORBIT: Section =
+    Section { name: "a moving point", keys: &["centre", "arm", "period", "axis"], later: &[] };
 
 pub(super) static ENVELOPE: Section = Section { name: "envelope", keys: &["radial", "axial"], later: &[] };
 
@@ -79,5 +90,7 @@ pub(super) static LIGHT: Section =
     Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
 
 /// All of them, in the order of a scene.
-pub(super) static SECTIONS: [&Section; 11] =
-    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA, &LIGHT];
+pub(super) static SECTIONS: [&Section; 14] = [
+    &ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ORBIT, &TRACK, &RADIUS, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA,
+    &LIGHT,
+];

@@ -108,7 +108,7 @@ fn fbm(table: &Reader<'_>) -> Fbm {
         gain: table.number("gain", &limit::NOT_NEGATIVE).unwrap_or(0.5),
         normalise: table.boolean("normalise").unwrap_or(false),
         seed: seed.unwrap_or(0),
-        scroll: table.vector("scroll", &limit::ANY).unwrap_or([0.0; 3]),
+        scrolled: table.rates("scroll", &limit::ANY).map_or([0.0; 3], |rates| rates.map(|rate| rate.sum)),
     };
     if let (Some(octaves), true, 0) = (table.get("octaves"), fbm.normalise, fbm.octaves) {
         table.report(Fault::at(octaves.span(), "`normalise` without octaves").label("expected at least 1"));

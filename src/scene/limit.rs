@@ -59,6 +59,14 @@ pub(crate) static HALF_SHARE: Limit = Limit {
     range: "a number above 0, at most 0.5",
 };
 
+/// Waves along a whole.
+pub(crate) static WAVES: Limit =
+    Limit { low: 0.0, high: 1e4, noun: "a number from 0 to 10000", range: "a number from 0 to 10000" };
+
+/// An exponent.
+pub(crate) static POWER: Limit =
+    Limit { low: 0.01, high: 100.0, noun: "a number from 0.01 to 100", range: "a number from 0.01 to 100" };
+
 /// A mean cosine short of the ends, where the phase function is a spike.
 pub(crate) static MEAN_COSINE: Limit = Limit {
     low: -0.999,

@@ -1,28 +1,41 @@
 //! Scene text to a [`Scene`], which cannot be invalid.
 //!
-//! [`Scene::parse`] is the only way to make one. Everything after it can rely on what is stated here: every number is
+//! [`Scene::parse`], and [`Scene::load`] for texts that name files, are the only ways to make one. Everything after it can rely on what is stated here: every number is
 //! finite and inside the range written beside it, every curve has a length, every name is unique. Beyond that no number
 //! exceeds 1e9, none that must be above 0 falls below 1e-9, no octave has more than 1e18 cells per unit, and no tube's layers
 //! reach 1e30, so that what is computed from a scene stays finite.
+//!
+//! # Time
+//!
+//! A [`Scene`] is one at one time: [`Scene::parse`] gives it as it is at its start frame, [`Scene::at`] at another time.
+//! Numbers and points of the text that move have their values at that time, and are checked there; rates are added up
+//! from the start frame to that time, in closed form.
 
 mod axis;
 mod error;
+mod input;
 mod keys;
 mod layer;
 pub(crate) mod limit;
+mod motion;
 mod parse;
+mod profile;
 mod reader;
+mod rows;
+mod seams;
 mod syntax;
 #[cfg(test)]
 mod tests;
+mod track;
 mod tube;
 mod view;
 
-pub use error::{Fault, SceneErrors};
+pub use error::{Fault, SceneErrors, Warnings};
+pub use input::{Input, Load, MOST_INPUT};
 
 use crate::curve::{Curve, FrameRule, Profile};
 
-/// A valid scene.
+/// A valid scene, as it is at one time.
 #[derive(Debug, Clone)]
 pub struct Scene {
     pub(crate) name: String,
@@ -34,6 +47,14 @@ pub struct Scene {
     pub(crate) camera: Camera,
     pub(crate) lights: Vec<Light>,
     pub(crate) text: String,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) warnings: Warnings,
+    /// Name of the file that the text is from.
+    pub(crate) origin: String,
+    /// Since the start frame.
+    pub(crate) seconds: f64,
+    /// Whether anything moves other than at a constant rate.
+    pub(crate) moving: bool,
 }
 
 /// What the command line may override.
@@ -65,6 +86,16 @@ pub struct TimeBase {
     pub fps: f64,
     /// The frame at time 0.
     pub start: i64,
+    /// The last frame, not before the first, where the scene has one.
+    pub end: Option<i64>,
+}
+
+impl TimeBase {
+    /// Seconds from the start frame to `frame`.
+    pub fn seconds(&self, frame: i64) -> f64 {
+        // Both are far below 2^53.
+        (frame - self.start) as f64 / self.fps
+    }
 }
 
 /// A cylinder of radius 1 bent along a curve.
@@ -76,15 +107,20 @@ pub struct Tube {
     pub curve: Curve,
     /// Radius in metres over the fraction of the arc length.
     pub radius: Profile,
+    /// Where the radius is through samples of a file: an estimate of its error between them, in metres
+    /// ([`sampling_error`](crate::curve::sampling_error)).
+    pub sampling_error: Option<f64>,
     /// Turns from end to end, right-handed about the tangent.
     pub twist: f64,
-    /// Turns a second.
+    /// Turns a second at the scene's time.
     pub spin: f64,
+    /// Turns since time 0, right-handed about the tangent.
+    pub turned: f64,
     /// Whether the height l in the cylinder is s/L (true) or the arc length s in metres (false).
     pub stretch: bool,
     /// The frame that carries the cylinder's cross-section along the curve.
     pub frame: FrameRule,
-    /// What happens at the two ends.
+    /// What happens at the two ends; flat for a closed curve, which has none.
     pub caps: Caps,
     /// Density against the distance to the axis.
     pub radial: Radial,
@@ -207,8 +243,8 @@ pub struct Fbm {
     pub normalise: bool,
     /// Chooses the lattice's gradients.
     pub seed: u32,
-    /// Motion of the pattern along (u, v, l), first-octave cells a second.
-    pub scroll: [f64; 3],
+    /// How far the pattern has moved along (u, v, l) since time 0, in first-octave cells.
+    pub scrolled: [f64; 3],
 }
 
 /// What the density means to light. Baking does not read it.
@@ -258,6 +294,15 @@ impl Scene {
     pub fn time(&self) -> TimeBase {
         self.time
     }
+    /// The scene's time: seconds since its start frame.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+    /// Whether the text holds numbers or points that change over time. Constant rates, which only move noise within a
+    /// tube, are not among them.
+    pub fn is_moving(&self) -> bool {
+        self.moving
+    }
     /// How the densities of several tubes become one.
     pub fn overlap(&self) -> Overlap {
         self.overlap
@@ -281,5 +326,13 @@ impl Scene {
     /// The text that the scene was read from.
     pub fn text(&self) -> &str {
         &self.text
+    }
+    /// The files that the text names, each once.
+    pub fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+    /// What in the text is valid, but hardly meant.
+    pub fn warnings(&self) -> &Warnings {
+        &self.warnings
     }
 }

@@ -1,11 +1,15 @@
 //! A whole scene: its top level, `[bake]` and `[time]`.
 
+use std::cell::Cell;
+use std::io;
 use std::path::Path;
 
 use toml::de::DeTable;
 
-use super::error::{Fault, Faults, SceneErrors};
+use super::error::{Fault, Faults, SceneErrors, Warnings};
+use super::input::{Inputs, Load};
 use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
+use super::motion::Clock;
 use super::reader::{Item, Reader, Words};
 use super::{Bake, Overlap, Scene, Step, TimeBase, limit, syntax, tube, view};
 
@@ -21,31 +25,100 @@ static GRIDS: Words<()> = Words {
 };
 
 impl Scene {
-    /// Reads a scene from TOML text. `origin` is the name of its file: messages show it, and its stem names a scene
+    /// Reads a scene from TOML text that names no files, as it is at time 0. `origin` is the name of its file: messages show it, and its stem names a scene
     /// that does not name itself. A byte order mark is passed over.
     ///
     /// # Errors
     ///
     /// All faults of the text at once, each with its line and column.
     pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneErrors> {
-        let body = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let (document, errors) = DeTable::parse_recoverable(body);
-        let faults = Faults::default();
-        let root = Reader::new(document.get_ref(), document.span(), &ROOT, &faults);
-        let scene = Scene {
-            name: root.get("name").and_then(name).unwrap_or_else(|| stem(origin)),
-            bake: bake(&root),
-            time: time(&root),
-            overlap: root.word("overlap", &tube::OVERLAP).unwrap_or(Overlap::Max),
-            tubes: tube::tubes(&root.tables("tube", &TUBE)),
-            medium: view::medium(root.table("medium", &MEDIUM)),
-            camera: view::camera(&root),
-            lights: root.tables("light", &LIGHT).iter().map(view::light).collect(),
-            text: text.to_owned(),
-        };
-        syntax::report(body, document.get_ref(), &errors, &faults);
-        faults.into_errors(origin, body).map_or(Ok(scene), Err)
+        let unread = "this text is read without its files";
+        Scene::load(text, origin, &|_| Err(io::Error::new(io::ErrorKind::Unsupported, unread)))
     }
+
+    /// Reads a scene from TOML text, and the files that it names by `load`, each once. The rest is as for
+    /// [`Scene::parse`].
+    ///
+    /// # Errors
+    ///
+    /// All faults of the text at once; those of a file, of which only the first is told, at the place of its name.
+    pub fn load(text: &str, origin: &str, load: &Load<'_>) -> Result<Scene, SceneErrors> {
+        read(text, origin, 0.0, load, None)
+    }
+
+    /// Reads a scene as it is `seconds` after its start frame.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`parse`](Scene::parse), or where there are none, those of [`at`](Scene::at).
+    ///
+    /// # Panics
+    ///
+    /// As `at` does.
+    pub fn parse_at(text: &str, origin: &str, seconds: f64) -> Result<Scene, SceneErrors> {
+        Scene::parse(text, origin)?.at(seconds)
+    }
+
+    /// The same scene at another time, `seconds` after its start frame.
+    ///
+    /// # Errors
+    ///
+    /// What does not fit in the scene at that time, such as a curve that has no length then.
+    ///
+    /// # Panics
+    ///
+    /// If the time is not within 1e9 seconds of the start frame.
+    pub fn at(&self, seconds: f64) -> Result<Scene, SceneErrors> {
+        assert!(limit::ANY.admits(seconds), "{seconds} seconds are no time of a scene");
+        let load = |path: &str| {
+            let known = self.inputs.iter().find(|input| input.path == path);
+            known.map(|input| input.bytes.to_vec()).ok_or_else(|| io::ErrorKind::NotFound.into())
+        };
+        read(&self.text, &self.origin, seconds, &load, Some(self))
+    }
+}
+
+/// Reads a scene at a time. `known` is the same one at any time, if it has been read before.
+fn read(
+    text: &str,
+    origin: &str,
+    seconds: f64,
+    load: &Load<'_>,
+    known: Option<&Scene>,
+) -> Result<Scene, SceneErrors> {
+    let inputs = Inputs::new(load);
+    let body = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let (document, errors) = DeTable::parse_recoverable(body);
+    let faults = Faults::default();
+    let clock = Clock { seconds, moving: Cell::new(false) };
+    let root = Reader::new(document.get_ref(), document.span(), &ROOT, &faults);
+    let mut scene = Scene {
+        name: root.get("name").and_then(name).unwrap_or_else(|| stem(origin)),
+        bake: bake(&root),
+        time: time(&root),
+        overlap: root.word("overlap", &tube::OVERLAP).unwrap_or(Overlap::Max),
+        tubes: tube::tubes(&root.timed(&clock).tables("tube", &TUBE), &inputs, known.map(Scene::tubes)),
+        medium: view::medium(root.table("medium", &MEDIUM)),
+        camera: view::camera(&root),
+        lights: root.tables("light", &LIGHT).iter().map(view::light).collect(),
+        text: text.to_owned(),
+        origin: origin.to_owned(),
+        seconds,
+        moving: clock.moving.get(),
+        inputs: vec![],
+        warnings: Warnings::default(),
+    };
+    scene.inputs = inputs.into_list();
+    scene.warnings = faults.take_warnings(origin, body);
+    syntax::report(body, document.get_ref(), &errors, &faults);
+    if let Some(known) = known {
+        // What is wrong now was not when the scene was first read.
+        faults.note(&format!(
+            "this is {seconds} s after the start frame; nothing is wrong at {} s",
+            known.seconds
+        ));
+    }
+    faults.into_errors(origin, body).map_or(Ok(scene), Err)
 }
 
 fn bake(root: &Reader<'_>) -> Bake {
@@ -93,11 +166,33 @@ fn check_grids(item: &Item<'_>) {
 }
 
 fn time(root: &Reader<'_>) -> TimeBase {
-    let table = root.table("time", &TIME);
-    TimeBase {
-        fps: table.and_then(|table| table.number("fps", &limit::POSITIVE)).unwrap_or(24.0),
-        start: table.and_then(|table| table.integer("start", -LARGEST..=LARGEST)).unwrap_or(1),
+    let default = TimeBase { fps: 24.0, start: 1, end: None };
+    let Some(table) = root.table("time", &TIME) else { return default };
+    let frame = |key| table.integer(key, -LARGEST..=LARGEST);
+    let (start, end) = (frame("start"), frame("end"));
+    let time = TimeBase {
+        fps: table.number("fps", &limit::POSITIVE).unwrap_or(default.fps),
+        start: start.unwrap_or(default.start),
+        end,
+    };
+    // A start that is given and not understood must not be held against the end.
+    let start_fits = start.is_some() || table.get("start").is_none();
+    if let (Some(item), Some(end), true) = (table.get("end"), end, start_fits) {
+        if end < time.start {
+            let fault = Fault::at(item.span(), "`end` is before `start`")
+                .label(format!("expected frame {} or one after it", time.start));
+            table.report(match table.get("start") {
+                Some(start) => fault.related(start.span(), "`start` is given here"),
+                None => fault,
+            });
+        } else if !limit::ANY.admits(time.seconds(end)) {
+            table.report(
+                Fault::at(item.span(), "`end` is too late")
+                    .label("expected a frame at most 1e9 seconds after `start`"),
+            );
+        }
     }
+    time
 }
 
 /// The scene's name. It names a file, so it must be a file's name on every system.

@@ -11,6 +11,8 @@ use toml::de::{DeTable, DeValue};
 use super::error::{Fault, Faults};
 use super::keys::{LAYER, SECTIONS, Section, TUBE};
 use super::limit::Limit;
+use super::motion::{self, Clock, Rate};
+use super::track::Track;
 
 /// A table whose keys are all known.
 #[derive(Debug, Clone, Copy)]
@@ -19,6 +21,8 @@ pub(super) struct Reader<'a> {
     start: usize,
     end: usize,
     faults: &'a Faults,
+    /// Where numbers may move.
+    clock: Option<&'a Clock>,
 }
 
 impl<'a> Reader<'a> {
@@ -34,7 +38,12 @@ impl<'a> Reader<'a> {
                 faults.report(unknown_key(key.get_ref(), key.span(), section));
             }
         }
-        Reader { table, start: span.start, end: span.end, faults }
+        Reader { table, start: span.start, end: span.end, faults, clock: None }
+    }
+
+    /// The same table, whose numbers may move.
+    pub(super) fn timed(self, clock: &'a Clock) -> Reader<'a> {
+        Reader { clock: Some(clock), ..self }
     }
 
     /// The table, or the line that opens it.
@@ -46,9 +55,14 @@ impl<'a> Reader<'a> {
         self.faults.report(fault);
     }
 
+    /// Keeps what is no fault, but hardly meant.
+    pub(super) fn warn(&self, warning: Fault) {
+        self.faults.warn(warning);
+    }
+
     /// The value of a key, where it is given.
     pub(super) fn get(&self, key: &'static str) -> Option<Item<'a>> {
-        self.table.get(key).map(|value| Item { key, value, faults: self.faults })
+        self.table.get(key).map(|value| Item { key, value, faults: self.faults, clock: self.clock })
     }
 
     /// Where a key itself stands.
@@ -72,6 +86,14 @@ impl<'a> Reader<'a> {
         self.get(key)?.vector(limit)
     }
 
+    pub(super) fn rate(&self, key: &'static str, limit: &Limit) -> Option<Rate> {
+        self.get(key)?.rate(limit)
+    }
+
+    pub(super) fn rates(&self, key: &'static str, limit: &Limit) -> Option<[Rate; 3]> {
+        self.get(key)?.rates(limit)
+    }
+
     pub(super) fn word<T: Copy>(&self, key: &'static str, words: &Words<T>) -> Option<T> {
         self.get(key)?.word(words)
     }
@@ -88,7 +110,10 @@ impl<'a> Reader<'a> {
                 Fault::at(item.span(), format!("`{key}` is given as a single table"))
                     .label(format!("expected {}, which may be repeated", section.name)),
             );
-            return vec![Reader::new(table, item.span(), section, self.faults)];
+            return vec![Reader {
+                clock: self.clock,
+                ..Reader::new(table, item.span(), section, self.faults)
+            }];
         }
         let expected = format!("tables, each under its own {}", section.name);
         item.array(&expected).into_iter().flatten().filter_map(|item| item.table(section)).collect()
@@ -101,6 +126,7 @@ pub(super) struct Item<'a> {
     key: &'static str,
     value: &'a Spanned<DeValue<'a>>,
     faults: &'a Faults,
+    clock: Option<&'a Clock>,
 }
 
 impl<'a> Item<'a> {
@@ -108,12 +134,42 @@ impl<'a> Item<'a> {
         self.value.span()
     }
 
+    pub(super) fn key(&self) -> &'static str {
+        self.key
+    }
+
+    /// The same value under another name.
+    pub(super) fn named(self, key: &'static str) -> Item<'a> {
+        Item { key, ..self }
+    }
+
+    /// The time that numbers are read at, where they may move.
+    pub(super) fn clock(&self) -> Option<&'a Clock> {
+        self.clock
+    }
+
+    /// The same value, whose numbers may not move.
+    pub(super) fn fixed(self) -> Item<'a> {
+        Item { clock: None, ..self }
+    }
+
     pub(super) fn is_text(&self) -> bool {
         self.value.get_ref().is_str()
     }
 
+    pub(super) fn is_table(&self) -> bool {
+        self.value.get_ref().is_table()
+    }
+
+    /// Whether it is a table with this key.
+    pub(super) fn has(&self, key: &str) -> bool {
+        self.value.get_ref().as_table().is_some_and(|table| table.contains_key(key))
+    }
+
+    /// Whether it is a number, or one over time where that may be.
     pub(super) fn is_number(&self) -> bool {
         matches!(self.value.get_ref(), DeValue::Integer(_) | DeValue::Float(_))
+            || self.clock.is_some() && self.is_table()
     }
 
     pub(super) fn report(&self, fault: Fault) {
@@ -122,6 +178,13 @@ impl<'a> Item<'a> {
 
     /// Reports a value of the wrong type.
     pub(super) fn mistyped(&self, expected: &str) {
+        if motion::is_track(self) {
+            return self.report(
+                Fault::at(self.span(), format!("`{}` cannot change over time", self.key))
+                    .label(format!("expected {expected}"))
+                    .note("numbers of a [[tube]] can, except whole ones and those that describe a motion"),
+            );
+        }
         let mut fault = Fault::at(self.span(), format!("wrong type for `{}`", self.key))
             .label(format!("expected {expected}, found {}", kind(self.value.get_ref())));
         let looks_right = |text: &str| {
@@ -140,7 +203,11 @@ impl<'a> Item<'a> {
         );
     }
 
+    /// A number, at the clock's time where it may move.
     pub(super) fn number(&self, limit: &Limit) -> Option<f64> {
+        if let Some(clock) = self.clock.filter(|_| self.is_table()) {
+            return self.track(clock, limit).map(|track| track.at(clock.seconds));
+        }
         let Some(x) = float(self.value.get_ref()) else {
             self.mistyped(limit.noun);
             return None;
@@ -150,6 +217,26 @@ impl<'a> Item<'a> {
             return None;
         }
         Some(x)
+    }
+
+    /// A number that is a rate; where nothing moves it has added up to nothing.
+    pub(super) fn rate(&self, limit: &Limit) -> Option<Rate> {
+        let seconds = self.clock.map_or(0.0, |clock| clock.seconds);
+        if let Some(clock) = self.clock.filter(|_| self.is_table()) {
+            let track = self.track(clock, limit)?;
+            return Some(Rate { now: track.at(seconds), sum: track.integral(seconds) });
+        }
+        self.number(limit).map(|now| Rate { now, sum: now * seconds })
+    }
+
+    /// Three of them.
+    pub(super) fn rates(&self, limit: &Limit) -> Option<[Rate; 3]> {
+        self.elements("three numbers", |item| item.rate(limit))
+    }
+
+    fn track(&self, clock: &Clock, limit: &Limit) -> Option<Track> {
+        clock.moving.set(true);
+        motion::track(self, limit)
     }
 
     pub(super) fn integer(&self, range: RangeInclusive<i64>) -> Option<i64> {
@@ -193,21 +280,27 @@ impl<'a> Item<'a> {
 
     /// An array of `N` numbers, each within `limit`.
     pub(super) fn numbers<const N: usize>(&self, limit: &Limit, expected: &str) -> Option<[f64; N]> {
+        self.elements(expected, |item| item.number(limit))
+    }
+
+    /// An array of N values, each read by `read`.
+    fn elements<T: Copy, const N: usize>(
+        &self,
+        expected: &str,
+        read: impl Fn(&Item<'a>) -> Option<T>,
+    ) -> Option<[T; N]> {
         let items = self.array(expected)?;
         // Every element is read, so that each fault among them is found.
-        let numbers: Vec<_> = items.iter().map(|item| item.number(limit)).collect();
-        let Ok(numbers) = <[Option<f64>; N]>::try_from(numbers) else {
+        let elements: Vec<Option<T>> = items.iter().map(read).collect();
+        let Ok(elements) = <[Option<T>; N]>::try_from(elements) else {
             self.report(
                 Fault::at(self.span(), format!("wrong length for `{}`", self.key))
                     .label(format!("expected {expected}, found {}", items.len())),
             );
             return None;
         };
-        let mut out = [0.0; N];
-        for (out, number) in out.iter_mut().zip(numbers) {
-            *out = number?;
-        }
-        Some(out)
+        let elements: Option<Vec<T>> = elements.into_iter().collect();
+        elements.and_then(|elements| elements.try_into().ok())
     }
 
     /// An array of three numbers, each within `limit`.
@@ -228,7 +321,7 @@ impl<'a> Item<'a> {
             self.mistyped("a table");
             return None;
         };
-        Some(Reader::new(table, self.span(), section, self.faults))
+        Some(Reader { clock: self.clock, ..Reader::new(table, self.span(), section, self.faults) })
     }
 
     pub(super) fn word<T: Copy>(&self, words: &Words<T>) -> Option<T> {

@@ -2,11 +2,15 @@
 
 use std::collections::BTreeMap;
 
+use super::axis::{self, Axis};
 use super::error::Fault;
-use super::keys::{CURVE, ENVELOPE, LAYER, REST};
+use super::input::Inputs;
+use super::keys::{ENVELOPE, LAYER, REST};
+use super::motion::Rate;
+use super::profile::{self, Radius};
 use super::reader::{Item, Reader, Words};
-use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, axis, layer, limit};
-use crate::curve::{Curve, FrameRule, Profile, ProfileError};
+use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, layer, limit, seams};
+use crate::curve::{FrameRule, Profile};
 
 /// Radius of a tube that gives none, as a part of its curve's length.
 const RADIUS: f64 = 0.1;
@@ -56,7 +60,9 @@ static RADIAL: Words<Radial> = Words {
 };
 
 /// All tubes, those without a name named by their number. Those without a valid curve are left out.
-pub(super) fn tubes(tables: &[Reader<'_>]) -> Vec<Tube> {
+///
+/// `known` are all of them at another time, where that has been read.
+pub(super) fn tubes(tables: &[Reader<'_>], inputs: &Inputs<'_>, known: Option<&[Tube]>) -> Vec<Tube> {
     let mut taken = BTreeMap::new();
     let names: Vec<_> = tables.iter().map(|table| name(table, &mut taken)).collect();
     let mut number = 0;
@@ -72,7 +78,8 @@ pub(super) fn tubes(tables: &[Reader<'_>]) -> Vec<Tube> {
             },
             str::to_owned,
         );
-        named.extend(tube(table, name));
+        let rest = known.and_then(|tubes| tubes.get(index)).map(|tube| tube.rest);
+        named.extend(tube(table, name, inputs, rest));
     }
     named
 }
@@ -93,34 +100,37 @@ fn name<'a>(table: &Reader<'a>, taken: &mut BTreeMap<&'a str, Item<'a>>) -> Opti
     Some(name)
 }
 
-fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
+/// A tube that does not say what it is at rest is at rest as `known`, or else as it is now.
+fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>, known: Option<Rest>) -> Option<Tube> {
     let conserve = table.word("conserve", &CONSERVE).unwrap_or(Conserve::Off);
     let overlap = table.word("overlap", &OVERLAP).unwrap_or(Overlap::Max);
     let rest = table.table("rest", &REST);
     let rest = ["radius", "length"].map(|key| rest.and_then(|rest| rest.number(key, &limit::POSITIVE)));
     let frame = table.word("frame", &FRAMES).unwrap_or(FrameRule::RotationMinimising);
-    let curve = curve(table, frame);
-    let radius = table.get("radius").and_then(radius);
-    let (caps, radial) = envelope(table);
+    let Axis { curve, closed } = axis::axis(table, frame, inputs);
+    let radius = table.get("radius").and_then(|item| profile::radius(item, closed.is_some(), inputs));
+    let (caps, radial) = envelope(table, closed);
     let layers = layer::layers(&table.tables("layer", &LAYER));
     let twist = table.number("twist", &limit::ANY).unwrap_or(0.0);
-    let spin = table.number("spin", &limit::ANY).unwrap_or(0.0);
+    let spin = table.rate("spin", &limit::ANY).unwrap_or(Rate { now: 0.0, sum: 0.0 });
     let stretch = table.boolean("stretch").unwrap_or(true);
     // Only when all keys are read may a tube without a curve be given up.
     let curve = curve?;
-    let radius = radius.unwrap_or_else(|| {
-        Profile::constant(RADIUS * curve.length()).expect("a part of a curve's length is a radius")
+    let Radius { profile: radius, sampling_error } = radius.unwrap_or_else(|| {
+        Profile::constant(RADIUS * curve.length()).expect("a part of a curve's length is a radius").into()
     });
     let rest = Rest {
-        radius: rest[0].unwrap_or_else(|| radius.rms()),
-        length: rest[1].unwrap_or_else(|| curve.length()),
+        radius: rest[0].or(known.map(|rest| rest.radius)).unwrap_or_else(|| radius.rms()),
+        length: rest[1].or(known.map(|rest| rest.length)).unwrap_or_else(|| curve.length()),
     };
-    Some(Tube {
+    let tube = Tube {
         name,
         curve,
         radius,
+        sampling_error,
         twist,
-        spin,
+        spin: spin.now,
+        turned: spin.sum,
         stretch,
         frame,
         caps,
@@ -129,75 +139,32 @@ fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
         rest,
         overlap,
         layers,
-    })
-}
-
-fn curve(table: &Reader<'_>, frame: FrameRule) -> Option<Curve> {
-    if table.get("curve").is_none() {
-        table.report(
-            Fault::at(table.span(), "a tube without a `curve`")
-                .label("expected a key such as: curve = { kind = \"quadratic\", points = [...] }")
-                .absence(),
-        );
-    }
-    axis::curve(&table.table("curve", &CURVE)?, frame)
-}
-
-/// One number, or keys over the fraction of the length.
-fn radius(item: Item<'_>) -> Option<Profile> {
-    const EXPECTED: &str = "a number above 0, or keys [[l, radius], ...]";
-    if item.is_number() {
-        return Profile::constant(item.number(&limit::POSITIVE)?).ok();
-    }
-    let items = item.array(EXPECTED)?;
-    // Every key is read, so that each fault among them is found.
-    let keys: Vec<_> = items.iter().map(radius_key).collect();
-    let keys: Vec<_> = keys.into_iter().collect::<Option<_>>()?;
-    if !keys.iter().any(|(_, r)| limit::POSITIVE.admits(*r)) {
-        let title = if keys.is_empty() { "`radius` has no keys" } else { "`radius` is 0 everywhere" };
-        item.report(Fault::at(item.span(), title).label(format!("expected {EXPECTED}")));
-        return None;
-    }
-    Profile::keyed(&keys).map_err(|error| item.report(misplaced(error, &items, &item))).ok()
-}
-
-/// The fault of keys that are each sound, but not together.
-fn misplaced(error: ProfileError, items: &[Item<'_>], whole: &Item<'_>) -> Fault {
-    let (key, label) = match error {
-        ProfileError::Order { key, .. } => (key, "expected an l not below that of the key before"),
-        ProfileError::Close { key } => {
-            (key, "expected an l 1e-9 or more above that of the key before, or the same")
-        }
-        ProfileError::Repeat { key, .. } => {
-            (key, "expected at most two keys at one l, and one at 0 and at 1")
-        }
-        other => return Fault::at(whole.span(), "unusable `radius`").label(other.to_string()),
     };
-    Fault::at(items.get(key).unwrap_or(whole).span(), "misplaced key of `radius`").label(label)
+    seams::flips(table, &tube);
+    if let Some(closed) = closed {
+        seams::warn(table, &tube, &closed);
+    }
+    Some(tube)
 }
 
-fn radius_key(item: &Item<'_>) -> Option<(f64, f64)> {
-    const EXPECTED: &str = "a key [l, radius]";
-    let pair = item.array(EXPECTED)?;
-    let [l, r] = pair.as_slice() else {
-        item.report(
-            Fault::at(item.span(), "wrong length for a key of `radius`")
-                .label(format!("expected {EXPECTED}, found {}", pair.len())),
-        );
-        return None;
-    };
-    // Both are read before either is given up, so that the faults of both are found.
-    let (l, r) = (l.number(&limit::PLACE), r.number(&limit::NOT_NEGATIVE));
-    Some((l?, r?))
-}
-
-fn envelope(table: &Reader<'_>) -> (Caps, Radial) {
+fn envelope(table: &Reader<'_>, closed: Option<Item<'_>>) -> (Caps, Radial) {
     let end = table.word("caps", &CAPS);
     let envelope = table.table("envelope", &ENVELOPE);
     let radial =
         envelope.and_then(|envelope| envelope.get("radial")).and_then(radial).unwrap_or(Radial::Smooth);
     let axial = envelope.and_then(|envelope| envelope.get("axial"));
     let fade = axial.and_then(|axial| axial.number(&limit::HALF_SHARE)).unwrap_or(AXIAL);
+    if let Some(closed) = closed {
+        for (key, item) in [("caps", table.get("caps")), ("envelope.axial", axial)] {
+            let Some(item) = item else { continue };
+            table.report(
+                Fault::at(item.span(), format!("`{key}` contradicts `closed`"))
+                    .label("a closed curve has no ends: leave this off")
+                    .related(closed.span(), "the curve is closed here"),
+            );
+        }
+        return (Caps::Flat, radial);
+    }
     let caps = match end {
         None | Some(End::Fade) => Caps::Fade(fade),
         Some(End::Flat) => Caps::Flat,

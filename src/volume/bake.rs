@@ -37,8 +37,14 @@ pub struct Tally {
     pub searched_voxels: u64,
     /// Lanes of these that went through bisection: near cusps and folds, and where axes meet.
     pub bisected_voxels: u64,
+    /// Active voxels whose density was beyond the range of the sink's [`Precision`](super::Precision), and was clamped.
+    pub clamped_voxels: u64,
     /// Voxels inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
+    /// Voxels with several feet on one axis.
+    pub several_feet_voxels: u64,
+    /// Voxels inside a tube but beyond its focal set: there the distance to its axis has a local maximum.
+    pub beyond_focal_voxels: u64,
     /// Sum of all stored values: the same for any number of threads, since runs are, and are added in file order.
     pub total: Total,
     /// SHA-256 over all active bricks in file order: see [`bake`].
@@ -47,9 +53,10 @@ pub struct Tally {
 
 /// Evaluates the plan's bricks on the current `rayon` pool and hands those with active voxels to `sink` in file order.
 ///
-/// A voxel is active where its density is above `cutoff`; others are 0. `progress` is called, on this thread, with the
+/// A voxel is active where its density is above `cutoff`; others are 0. Values are then rounded to the sink's precision,
+/// which may leave an active voxel with a value at or below the cutoff. `progress` is called, on this thread, with the
 /// number of bricks done since the last call. The content hash is SHA-256 over, brick by brick, the SHA-256 of the
-/// origin (three `i32`), the mask (eight `u64`) and all 512 values (`f32`), little-endian.
+/// origin (three `i32`), the mask (eight `u64`) and all 512 rounded values (`f32`), little-endian.
 ///
 /// # Errors
 ///
@@ -78,9 +85,12 @@ pub fn bake<S: Sink>(
         for done in runs {
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
+            tally.clamped_voxels += done.clamped;
             tally.searched_voxels += done.counts.searched;
             tally.bisected_voxels += done.counts.bisected;
             tally.inside_voxels += done.counts.inside;
+            tally.several_feet_voxels += done.counts.several;
+            tally.beyond_focal_voxels += done.counts.beyond;
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
             for digest in &done.digests {
@@ -108,6 +118,7 @@ struct Done<Run> {
     digests: Vec<[u8; 32]>,
     total: Total,
     active: u64,
+    clamped: u64,
     counts: Counts,
     evaluate: f64,
     encode: f64,
@@ -137,6 +148,7 @@ impl Worker {
             digests: Vec::new(),
             total: Total::default(),
             active: 0,
+            clamped: 0,
             counts: Counts::default(),
             evaluate: 0.0,
             encode: 0.0,
@@ -152,12 +164,11 @@ impl Worker {
             let counts =
                 evaluate_block(level, &self.region, Places::Centres, &mut self.scratch, &mut brick.values);
             activate(level, cutoff, &mut brick);
-            done.counts.searched += counts.searched;
-            done.counts.bisected += counts.bisected;
-            done.counts.inside += counts.inside;
+            done.counts.add(counts);
             let active = brick.active();
             if active > 0 {
                 done.active += u64::from(active);
+                done.clamped += sink.precision().round(&mut brick.values) as u64;
                 self.bricks.push(brick);
             }
         }

@@ -1,5 +1,6 @@
 //! A brick of values and where it goes.
 
+use super::Precision;
 use crate::field::VOXELS;
 
 /// The values of 8^3 voxels, z fastest, as OpenVDB orders a leaf: voxel (x, y, z) of the brick is element
@@ -10,7 +11,7 @@ pub struct Brick {
     pub origin: [i32; 3],
     /// Active voxels: element i is bit `i % 64` of word `i / 64`.
     pub mask: [u64; 8],
-    /// Density; 0 where inactive.
+    /// Density, in the precision of where it goes; 0 where inactive.
     pub values: [f32; VOXELS],
 }
 
@@ -34,6 +35,11 @@ pub trait Sink: Sync {
     type Run: Default + Send;
     /// What may go wrong when a run is taken in.
     type Error;
+
+    /// The precision that it keeps. Bricks come with values that it keeps as they are.
+    fn precision(&self) -> Precision {
+        Precision::F32
+    }
 
     /// Adds a brick with at least one active voxel to a run. Called on many threads at once.
     fn encode(&self, brick: &Brick, run: &mut Self::Run);

@@ -5,15 +5,17 @@
 //! whatever the number of threads.
 //!
 //! A [`Tree`] holds sparse values in memory; a [`Sampler`] filters them at any point, and [`density_at`] evaluates the
-//! field itself there.
+//! field itself there. Of a tree in a file a [`Part`] can be read: a [`PartialTree`].
 
 mod accessor;
 mod bake;
 mod brick;
 mod dispatch;
 pub(crate) mod node;
+mod part;
 mod plan;
 mod points;
+mod precision;
 mod rest;
 mod sample;
 pub(crate) mod shape;
@@ -28,8 +30,11 @@ mod value;
 pub use accessor::Accessor;
 pub use bake::{Phases, Tally, bake};
 pub use brick::{Brick, Sink};
+pub use part::{NotRead, Part, PartialTree};
 pub use plan::{Plan, PlanError};
 pub use points::density_at;
+pub(crate) use precision::to_halves;
+pub use precision::{LARGEST_F16, Precision};
 pub use rest::RestMass;
 pub use sample::{Filter, Sampled, Sampler, Wide, is_indexed, sample_at};
 pub use shape::{Leaf, Stats, Tile};

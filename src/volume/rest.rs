@@ -40,7 +40,7 @@ impl RestMass {
     ///
     /// Works on the current `rayon` pool; the result does not depend on its number of threads.
     pub fn new(field: &Field, scene: &Scene, lattice: Lattice, points: u64, level: Level) -> RestMass {
-        let cylinders = field.at_rest(scene, lattice, points);
+        let cylinders = field.at_rest(scene, points);
         let found: Vec<Masses> = cylinders
             .slices()
             .par_iter()

@@ -145,25 +145,66 @@ impl<'a, T: Sampled> Sampler<'a, T> {
     /// The value at a point of index space. Space that is not stored has the background's value, and so have points
     /// that no voxel's index is near: see [`is_indexed`].
     pub fn sample(&mut self, at: DVec3) -> T::Wide {
-        if !is_indexed(at) {
+        let Some(Place { base, t }) = Place::new(self.filter, at) else {
             return self.accessor.tree().background().wide();
+        };
+        match self.filter {
+            Filter::Nearest => {
+                let [[[value]]] = self.accessor.stencil(base);
+                value.wide()
+            }
+            Filter::Trilinear => along_axes(self.accessor.stencil(base), t, linear),
+            Filter::Cubic => along_axes(self.accessor.stencil(base), t.map(Knots::new), Knots::interpolate),
+        }
+    }
+}
+
+/// Where a filter finds the value at a point.
+struct Place {
+    /// The first of the voxels that it takes.
+    base: [i64; 3],
+    /// Where the point lies in the cell between two voxels.
+    t: [f64; 3],
+}
+
+impl Place {
+    /// `None` where no voxel's index is near.
+    #[inline]
+    fn new(filter: Filter, at: DVec3) -> Option<Place> {
+        if !is_indexed(at) {
+            return None;
         }
         let cell = at.floor();
         let t = (at - cell).to_array();
         #[allow(clippy::cast_possible_truncation, reason = "whole, and within the range of indices")]
         let cell = cell.to_array().map(|c| c as i64);
-        match self.filter {
-            Filter::Nearest => {
-                let [x, y, z] = t.map(|t| i64::from(t >= 0.5));
-                let [[[value]]] = self.accessor.stencil([cell[0] + x, cell[1] + y, cell[2] + z]);
-                value.wide()
-            }
-            Filter::Trilinear => along_axes(self.accessor.stencil(cell), t, linear),
-            Filter::Cubic => {
-                along_axes(self.accessor.stencil(cell.map(|c| c - 1)), t.map(Knots::new), Knots::interpolate)
-            }
-        }
+        let base = match filter {
+            Filter::Nearest => std::array::from_fn(|axis| cell[axis] + i64::from(t[axis] >= 0.5)),
+            Filter::Trilinear => cell,
+            Filter::Cubic => cell.map(|c| c - 1),
+        };
+        Some(Place { base, t })
     }
+}
+
+/// The first voxels of the leaves that a filter looks into at a point, were there leaves everywhere.
+pub(super) fn cubes(filter: Filter, at: DVec3) -> impl Iterator<Item = [i32; 3]> {
+    let edge = match filter {
+        Filter::Nearest => 1,
+        Filter::Trilinear => 2,
+        Filter::Cubic => 4,
+    };
+    Place::new(filter, at).into_iter().flat_map(move |place| {
+        // Beyond the range of indices there is no leaf.
+        let [xs, ys, zs] = place.base.map(|first| {
+            let [a, b] = [first, first + edge - 1].map(|c| i32::try_from(c & !7).ok());
+            [a, b.filter(|_| a != b)].into_iter().flatten()
+        });
+        xs.flat_map(move |x| {
+            let zs = zs.clone();
+            ys.clone().flat_map(move |y| zs.clone().map(move |z| [x, y, z]))
+        })
+    })
 }
 
 /// Whether a point of index space lies where voxels have indices of 32 bits.

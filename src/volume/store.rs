@@ -2,15 +2,21 @@
 
 use std::convert::Infallible;
 
-use super::{Brick, Sink};
+use super::{Brick, Precision, Sink};
 
 /// Bricks in memory, in file order.
 #[derive(Debug, Clone, Default)]
 pub struct Store {
+    precision: Precision,
     bricks: Vec<Brick>,
 }
 
 impl Store {
+    /// No bricks. Those that come are rounded to this precision.
+    pub fn new(precision: Precision) -> Store {
+        Store { precision, bricks: Vec::new() }
+    }
+
     /// The bricks, in file order.
     pub fn bricks(&self) -> &[Brick] {
         &self.bricks
@@ -31,6 +37,10 @@ impl Store {
 impl Sink for Store {
     type Run = Vec<Brick>;
     type Error = Infallible;
+
+    fn precision(&self) -> Precision {
+        self.precision
+    }
 
     fn encode(&self, brick: &Brick, run: &mut Vec<Brick>) {
         run.push(brick.clone());

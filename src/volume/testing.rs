@@ -59,6 +59,7 @@ pub(super) fn tree(
         lowers: vec![],
         leaves: vec![],
         pages: vec![],
+        slots: None,
     };
     for upper in parts.chunk_by(|a, b| a.0.0 == b.0.0) {
         let first_lower = tree.lowers.len();

@@ -26,6 +26,9 @@ pub struct Tree<T> {
     pub(crate) lowers: Vec<Node<T>>,
     pub(crate) leaves: Vec<Leaf>,
     pub(crate) pages: Vec<Page<T>>,
+    /// Where each leaf's values are in `pages`, as if all were full; beyond the last for those that are not there.
+    /// `None`: all are there, in order. A tree is whole wherever it is not that of a [`PartialTree`](super::PartialTree).
+    pub(crate) slots: Option<Vec<u32>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -121,16 +124,17 @@ impl<T: Value> Tree<T> {
     /// A leaf, by its number in the order of the file.
     pub fn leaf(&self, number: usize) -> Option<LeafView<'_, T>> {
         let Leaf { origin, mask } = self.leaves.get(number)?;
-        let values = self.pages.get(number / PAGE)?.get(number % PAGE)?;
+        let slot = match &self.slots {
+            None => number,
+            Some(slots) => usize::try_from(*slots.get(number)?).ok()?,
+        };
+        let values = self.pages.get(slot / PAGE)?.get(slot % PAGE)?;
         Some(LeafView { origin: *origin, mask, values })
     }
 
     /// All leaves in the order of the file.
     pub fn leaves(&self) -> impl Iterator<Item = LeafView<'_, T>> {
-        self.leaves
-            .iter()
-            .zip(self.pages.iter().flat_map(|page| page.iter()))
-            .map(|(Leaf { origin, mask }, values)| LeafView { origin: *origin, mask, values })
+        (0..self.leaves.len()).filter_map(|number| self.leaf(number))
     }
 
     /// Active voxels of leaves with their values, in the order of the file. Those in tiles are not among them.
@@ -160,11 +164,17 @@ impl<T: Value> Tree<T> {
         root.chain(inner(&self.uppers, 2)).chain(inner(&self.lowers, 1))
     }
 
-    /// Bytes that the tree takes, those of its leaves' values included whether they are there or not.
+    /// Bytes that the tree takes, those of its leaves' values included.
     pub fn memory_bytes(&self) -> u64 {
+        self.memory_bytes_with(self.leaves.len())
+    }
+
+    /// Bytes that the tree takes with so many leaves' values.
+    pub(crate) fn memory_bytes_with(&self, leaves: usize) -> u64 {
         let nodes = self.uppers.iter().chain(&self.lowers).map(Node::memory_bytes).sum::<u64>();
-        let leaf = (size_of::<Leaf>() + size_of::<[T; 512]>()) as u64;
-        nodes.saturating_add(leaf.saturating_mul(self.leaves.len() as u64))
+        let slots = if leaves < self.leaves.len() { 4 * self.leaves.len() } else { 0 };
+        let leaves = (size_of::<[T; 512]>() as u64).saturating_mul(leaves as u64);
+        nodes.saturating_add(leaves).saturating_add((size_of_val(&*self.leaves) + slots) as u64)
     }
 
     /// What the tree holds; `memory_bytes` as OpenVDB would hold it.

@@ -30,7 +30,7 @@ fn main() {
         let path = format!("{}/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
         let text = std::fs::read_to_string(&path).expect("a scene of the project");
         let scene = Scene::parse(&text, &path).expect("a valid scene");
-        let field = Field::compile(&scene, 0.0);
+        let field = Field::compile(&scene);
         let [lo, hi] = field.bounds().expect("density");
         let lattice = Lattice { voxel_size: (hi - lo).max_element() / resolution };
         let plan = Plan::new(&field, lattice, u64::MAX).expect("a plan");

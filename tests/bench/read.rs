@@ -2,8 +2,9 @@
 //!
 //!     eval "$(scripts/oracles)" && cargo bench --bench read -- FILE...
 //!
-//! Prints for each file the best of several runs in seconds: ours on one thread and on all, OpenVDB's Python module without
-//! delayed loading, vdb-rs (float grids; `-` where it fails). The file has been read before, so no disk is timed.
+//! Prints for each file the medians of several runs in seconds, the programs taking turns: ours on one thread and on all,
+//! OpenVDB's Python module without delayed loading, vdb-rs (float grids; `-` where it fails); and how many times as long as
+//! ours OpenVDB takes. The files have been read before, so no disk is timed.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -13,21 +14,20 @@ use std::time::Instant;
 
 use vdbake::formats::vdb::VdbFile;
 
-const RUNS: usize = 5;
+const RUNS: usize = 9;
 const VDB_RS: &str = "--vdb-rs";
 
-/// Times reading all grids of a file.
+/// Times reading all grids of a file, after a first time that is not counted.
 const OPENVDB: &str = "
 import sys, time
 sys.path.insert(0, sys.argv[1])
 from openvdb_dump import vdb
-best = 1e9
-for _ in range(int(sys.argv[3])):
+for _ in range(2):
     start = time.perf_counter()
     grids = vdb.readAll(sys.argv[2])
-    best = min(best, time.perf_counter() - start)
+    seconds = time.perf_counter() - start
     del grids
-print(best)
+print(seconds)
 ";
 
 #[allow(clippy::print_stdout, reason = "the figures go to stdout")]
@@ -36,35 +36,51 @@ fn main() {
     if let [_, mode, path] = &std::env::args().collect::<Vec<_>>()[..]
         && mode == VDB_RS
     {
-        println!("{}", best(|| vdb_rs(Path::new(path))).map_or(String::new(), |time| time.to_string()));
+        let path = Path::new(path);
+        println!(
+            "{}",
+            vdb_rs(path).and_then(|()| seconds(|| vdb_rs(path))).map_or(String::new(), |s| s.to_string())
+        );
         return;
     }
     let files: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
-    println!("{:>10} {:>9} {:>9} {:>9} {:>9}  file", "MB", "1 thread", "all", "OpenVDB", "vdb-rs");
+    println!(
+        "{:>6} {:>8} {:>8} {:>8} {:>8} {:>9} {:>9}  file",
+        "MB", "1 thread", "all", "OpenVDB", "vdb-rs", "1 thread", "all"
+    );
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     for file in files {
         let path = Path::new(&file);
         let megabytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len()) / 1_000_000;
-        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-        let figures = [
-            one.install(|| best(|| ours(path))),
-            best(|| ours(path)),
-            openvdb(path),
-            printed(Command::new(std::env::current_exe().expect("this program")).arg(VDB_RS).arg(path)),
-        ];
-        let [a, b, c, d] = figures.map(|time| time.map_or("-".to_owned(), |time| format!("{time:.3}")));
-        println!("{megabytes:>10} {a:>9} {b:>9} {c:>9} {d:>9}  {file}");
+        let mut times = [const { vec![] }; 4];
+        for _ in 0..RUNS {
+            let run = [
+                one.install(|| seconds(|| ours(path))),
+                seconds(|| ours(path)),
+                openvdb(path),
+                printed(Command::new(std::env::current_exe().expect("this program")).arg(VDB_RS).arg(path)),
+            ];
+            times.iter_mut().zip(run).for_each(|(times, time)| times.extend(time));
+        }
+        let medians = times.map(median);
+        let [a, b, c, d] = medians.map(|time| time.map_or("-".to_owned(), |time| format!("{time:.3}")));
+        let ratio = |ours: Option<f64>| {
+            ours.zip(medians[2]).map_or("-".to_owned(), |(ours, openvdb)| format!("{:.2}", openvdb / ours))
+        };
+        let [e, f] = [ratio(medians[0]), ratio(medians[1])];
+        println!("{megabytes:>6} {a:>8} {b:>8} {c:>8} {d:>8} {e:>9} {f:>9}  {file}");
     }
 }
 
-fn best(mut run: impl FnMut() -> Option<()>) -> Option<f64> {
-    let mut best = None;
-    for _ in 0..RUNS {
-        let start = Instant::now();
-        run()?;
-        let time = start.elapsed().as_secs_f64();
-        best = Some(best.map_or(time, |best: f64| best.min(time)));
-    }
-    best
+fn seconds(mut run: impl FnMut() -> Option<()>) -> Option<f64> {
+    let start = Instant::now();
+    run()?;
+    Some(start.elapsed().as_secs_f64())
+}
+
+fn median(mut times: Vec<f64>) -> Option<f64> {
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied()
 }
 
 fn ours(path: &Path) -> Option<()> {
@@ -80,7 +96,7 @@ fn openvdb(path: &Path) -> Option<f64> {
     let python = std::env::var_os("VDBAKE_OPENVDB_PYTHON")?;
     let mut command = Command::new(python);
     command.env("OPENVDB_DISABLE_DELAYED_LOAD", "1").arg("-c").arg(OPENVDB);
-    printed(command.arg(scripts).arg(path).arg(RUNS.to_string()))
+    printed(command.arg(scripts).arg(path))
 }
 
 /// The number that a program prints.

@@ -119,6 +119,7 @@ fn usage_is_2() {
         &["bake", "bent.toml", "--memory", "much"],
         &["bake", "bent.toml", "--threads", "0"],
         &["bake", "bent.toml", "--compression", "rar"],
+        &["bake", "bent.toml", "--precision", "f64"],
         &["bake", "bent.toml", "-o", "bent.exr"],
         &["bake", "bent.toml", "-o", "."],
     ] {
@@ -218,8 +219,8 @@ fn results_and_progress_do_not_mix() {
 #[test]
 fn recipe_is_in_the_file() {
     let folder = Folder::new();
-    let arguments = ["bake", "bent.toml", "--voxel-size", "0.125", "--time", "-0.5", "--compression", "zip"];
-    let report = folder.json(&arguments);
+    let arguments = ["bake", "bent.toml", "--voxel-size", "0.125", "--time", "-0.5"];
+    let report = folder.json(&[&arguments[..], &["--compression", "zip", "--precision", "f16"]].concat());
     let info = folder.json(&["info", "bent.vdb"]);
     assert_eq!(info["kind"], "vdb");
     assert_eq!(info["uuid"], report["uuid"]);
@@ -231,10 +232,11 @@ fn recipe_is_in_the_file() {
     for (name, value) in [("voxel_size", 0.125), ("time", -0.5), ("cutoff", 0.0)] {
         assert_eq!(settings[name], value);
     }
-    assert_eq!(settings["compression"], "zip");
+    assert_eq!((&settings["compression"], &settings["precision"]), (&"zip".into(), &"f16".into()));
     let grid = &info["grids"][0];
     assert_eq!(grid["name"], "density");
     assert_eq!(grid["class"], "fog volume");
+    assert_eq!((&grid["type"], &grid["half"]), (&"Tree_float_5_4_3".into(), &true.into()));
     assert_eq!(grid["compression"], "zip + active values");
     assert_eq!(grid["active_voxels"], report["active_voxels"]);
     // A voxel's value is that of its centre.
@@ -266,11 +268,11 @@ fn a_vdb_file_is_known_by_its_content() {
 #[test]
 fn plan_bounds_what_the_bake_takes() {
     let folder = Folder::new();
-    for compression in ["none", "zip", "blosc"] {
-        let with = |command| folder.json(&[command, "bent.toml", "--compression", compression]);
+    for form in crate::support::FORMS {
+        let with = |command| folder.json(&[&[command, "bent.toml"][..], &form].concat());
         let (plan, bake) = (with("plan"), with("bake"));
         assert_eq!(plan["planned_bricks"], bake["planned_bricks"]);
-        assert!(number(&bake["bytes"]) <= number(&plan["at_most"]["bytes"]), "{compression}");
+        assert!(number(&bake["bytes"]) <= number(&plan["at_most"]["bytes"]), "{form:?}");
         assert!(number(&bake["active_voxels"]) <= number(&plan["at_most"]["active_voxels"]));
         // All bricks are in the sample, so nothing but the bytes of nodes is left to estimate.
         assert_eq!(plan["estimated"]["sampled_bricks"], plan["planned_bricks"]);
@@ -303,9 +305,10 @@ fn a_bake_takes_no_more_memory_than_its_plan_says() {
     let folder = Folder::new();
     for scene in crate::support::scenes() {
         let scene = scene.to_str().expect("UTF-8");
-        for (resolution, compression) in [("48", "blosc"), ("200", "none")] {
-            let settings = ["--resolution", resolution, "--compression", compression, "--threads", "3"];
-            let with = |command| folder.json(&[&[command, scene][..], &settings].concat());
+        let forms = crate::support::FORMS;
+        for (resolution, form) in [("48", forms[0]), ("200", forms[2]), ("200", forms[5])] {
+            let settings = ["--resolution", resolution, "--threads", "3"];
+            let with = |command| folder.json(&[&[command, scene][..], &settings, &form].concat());
             let most = number(&with("plan")["at_most"]["memory_bytes"]);
             let peak = number(&with("bake")["peak_rss_bytes"]);
             assert!(peak <= most, "{scene} at {resolution}: {peak} bytes, at most {most}");
@@ -346,6 +349,40 @@ fn a_grid_without_active_voxels_is_noted() {
     assert!(errors(&output).contains("note: no voxel is active"), "{}", errors(&output));
     let output = folder.run(&["bake", "bent.toml"]);
     assert!(!errors(&output).contains("note"), "{}", errors(&output));
+}
+
+#[test]
+fn flips_of_frenet_frames_are_told() {
+    let folder = Folder::new();
+    let scene = |points: &str, frame: &str| {
+        format!(
+            "[[tube]]\nname = \"bend\"\ncurve = {{ kind = \"cubic\", points = {points} }}\nframe = {frame:?}\n"
+        )
+    };
+    let s = "[[0, 0, 0], [1, 2, 0], [2, -2, 0], [3, 0, 0]]";
+    folder.put("s.toml", scene(s, "frenet"));
+    folder.put("smooth.toml", scene(s, "rotation-minimising"));
+    folder.put("arc.toml", scene("[[0, 0, 0], [1, 1, 0], [2, 1, 0], [3, 0, 0]]", "frenet"));
+    for command in ["bake", "plan"] {
+        let arguments = [command, "s.toml", "--resolution", "32"];
+        let output = folder.run(&arguments);
+        let expected = "warning: the Frenet frame flips at l = 0.5000";
+        let errors_of_it = errors(&output);
+        let told: Vec<&str> = errors_of_it.lines().filter(|line| line.starts_with("warning")).collect();
+        assert!(code(&output) == 0 && told.len() == 1 && told[0].starts_with(expected), "{errors_of_it}");
+        assert!(errors_of_it.contains("and the noise with it; \"rotation-minimising\" does not"));
+        let quiet = [&arguments[..], &["--quiet"]].concat();
+        assert_eq!(errors(&folder.run(&quiet)), "");
+        let report = folder.json(&quiet);
+        let warnings = report["warnings"].as_array().expect("a list");
+        let [warning] = warnings.as_slice() else { panic!("one warning") };
+        assert!(warning.as_str().is_some_and(|text| text.contains("flips at l = 0.5000")), "{warning}");
+        for fine in ["smooth.toml", "arc.toml"] {
+            let arguments = [command, fine, "--resolution", "32"];
+            assert!(!errors(&folder.run(&arguments)).contains("warning"));
+            assert_eq!(folder.json(&arguments)["warnings"], Value::Array(vec![]));
+        }
+    }
 }
 
 #[test]

@@ -137,7 +137,7 @@ impl Expect {
     /// The density at an arc length, before any fade.
     fn along(&self, arc: f64) -> f64 {
         let noise = self.noise.as_ref().expect("the layer of `Reveal::Foot`");
-        (1.0 + SWING * reference::fbm(noise, [0.0, 0.0, arc / self.length], 0.0, None)).max(0.0)
+        (1.0 + SWING * reference::fbm(noise, [0.0, 0.0, arc / self.length], None)).max(0.0)
     }
 
     /// The change of the density per metre of arc length.
@@ -164,7 +164,7 @@ pub(crate) struct Baked {
 impl Baked {
     /// Bakes `bricks` bricks of the plan, or all.
     pub(crate) fn new(scene: &Scene, lattice: Lattice, bricks: usize) -> Baked {
-        let field = Field::compile(scene, 0.0);
+        let field = Field::compile(scene);
         let plan =
             Plan::new(&field, lattice, 1 << 32).unwrap_or_else(|error| panic!("{error}")).sample(bricks);
         let mut store = Store::default();

@@ -223,7 +223,7 @@ fn no_candidate_is_missed_and_no_density_lies_outside_planned_bricks() {
 }
 
 fn planned(shape: &Shape) -> BTreeSet<[i32; 3]> {
-    let field = Field::compile(&shape.scene(), 0.0);
+    let field = Field::compile(&shape.scene());
     Plan::new(&field, Lattice { voxel_size: shape.h }, 1 << 30).expect("a small plan").origins().collect()
 }
 

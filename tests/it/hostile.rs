@@ -6,7 +6,8 @@ use std::process::Command;
 
 use tempfile::tempdir;
 use vdbake::formats::vdb::{
-    Compression, EncodedBricks, FileHeader, GridHeader, Metadata, VdbFile, VdbGridBuilder, write,
+    Compression, EncodedBricks, FileHeader, GridClass, GridHeader, Metadata, Part, VdbFile, VdbGridBuilder,
+    VectorType, write,
 };
 
 use crate::oracle::{openvdb_make, vdb_tool};
@@ -95,6 +96,8 @@ fn mutations() {
         for grid in 0..file.info().grids.len() {
             grids += 1;
             failures += usize::from(file.grid_at(grid).is_err());
+            // Alone it may be without fault.
+            let _ = file.grid_part_at(grid, &Part::within([-16; 3], [120; 3]));
         }
     }
     // Most mutations hit something that is checked; those of values cannot be noticed.
@@ -119,6 +122,8 @@ fn own(compression: Compression) -> Vec<u8> {
     let header = FileHeader { uuid: uuid::Uuid::nil(), metadata: Metadata::new() };
     let grid_header = GridHeader {
         name: "density".to_owned(),
+        class: GridClass::FogVolume,
+        vector_type: VectorType::Invariant,
         voxel_size: 0.5,
         translation: [0.25; 3],
         metadata: Metadata::new(),

@@ -16,7 +16,7 @@ pub(crate) fn shipped(name: &str) -> Scene {
     Scene::parse(&text, &path).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-fn scene(text: &str) -> Scene {
+pub(crate) fn scene(text: &str) -> Scene {
     Scene::parse(text, "test.toml").unwrap_or_else(|errors| panic!("{errors}"))
 }
 
@@ -52,14 +52,15 @@ struct Errors {
 /// Kernel minus reference over about `count` voxels of planned bricks. Voxels within `edge` of a place where the density
 /// jumps are passed over: there a rounding decides.
 fn errors(scene: &Scene, resolution: f64, count: usize, edge: f64) -> Errors {
-    let field = Field::compile(scene, 0.0);
+    let mut field = Field::compile(scene);
     let lattice = lattice(&field, resolution);
+    field.widen(lattice);
     let plan = Plan::new(&field, lattice, 1 << 32).expect("a small plan");
     let mut store = Store::default();
     let Ok(_) = bake(&field, &plan, 0.0, Level::best(), &mut store, |_| ());
     let found: std::collections::BTreeMap<[i32; 3], usize> =
         store.bricks().iter().enumerate().map(|(i, brick)| (brick.origin, i)).collect();
-    let reference = Reference::new(scene, 0.0, Some(lattice.voxel_size));
+    let reference = Reference::new(scene, Some(lattice.voxel_size));
     let mut random = Random(1);
     let voxels: Vec<[i32; 3]> = (0..count)
         .map(|_| {
@@ -116,7 +117,7 @@ fn near_jump(scene: &Scene, reference: &Reference, p: [f64; 3], edge: f64) -> bo
 const LARGEST: f64 = 4e-5;
 const RMS: f64 = LARGEST / 30.0;
 
-fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
+pub(crate) fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
     let errors = errors(scene, resolution, 20_000, edge);
     assert!(errors.peak > 0.0, "{name}: nothing was compared");
     assert!(
@@ -201,7 +202,7 @@ fn every_kind_of_tube_agrees_with_the_reference() {
 fn no_density_lies_outside_the_planned_bricks() {
     for name in ["tornado", "solar_flare", "galaxy", "figure2", "sectors"] {
         let scene = shipped(name);
-        let field = Field::compile(&scene, 0.0);
+        let field = Field::compile(&scene);
         let lattice = lattice(&field, 40.0);
         let plan = Plan::new(&field, lattice, 1 << 30).expect("a small plan");
         let planned: std::collections::BTreeSet<[i32; 3]> =
@@ -209,7 +210,7 @@ fn no_density_lies_outside_the_planned_bricks() {
         let [lo, hi] = field.bounds().expect("the scene has density");
         #[allow(clippy::cast_possible_truncation, reason = "some dozens of bricks")]
         let block = |x: f64| (x / lattice.voxel_size / 8.0).floor() as i32;
-        let reference = Reference::new(&scene, 0.0, Some(lattice.voxel_size));
+        let reference = Reference::new(&scene, Some(lattice.voxel_size));
         let mut outside = Vec::new();
         for x in block(lo.x) - 1..=block(hi.x) + 1 {
             for y in block(lo.y) - 1..=block(hi.y) + 1 {
@@ -234,7 +235,7 @@ fn no_density_lies_outside_the_planned_bricks() {
 fn single_precision_agrees_with_double() {
     for name in ["tornado", "solar_flare", "galaxy"] {
         let scene = shipped(name);
-        let field = Field::compile(&scene, 0.0);
+        let field = Field::compile(&scene);
         let lattice = lattice(&field, 300.0);
         let plan = Plan::new(&field, lattice, 1 << 32).expect("a small plan");
         let mut store = Store::default();
@@ -262,7 +263,7 @@ fn single_precision_agrees_with_double() {
 fn points_between_voxels_agree_with_the_reference() {
     for name in ["tornado", "solar_flare", "galaxy"] {
         let scene = shipped(name);
-        let field = Field::compile(&scene, 0.0);
+        let field = Field::compile(&scene);
         let lattice = lattice(&field, 150.0);
         let [lo, hi] = field.bounds().expect("the scene has density");
         let mut random = Random(5);
@@ -271,7 +272,7 @@ fn points_between_voxels_agree_with_the_reference() {
             (0..20_000).map(|_| lo + (hi - lo) * DVec3::new(unit(), unit(), unit())).collect();
         points.extend([DVec3::NAN, DVec3::splat(1e300), DVec3::splat(-1e9)]);
         let found = density_at(&field, lattice, &points, Level::best(), 1 << 32).expect("a small plan");
-        let reference = Reference::new(&scene, 0.0, Some(lattice.voxel_size));
+        let reference = Reference::new(&scene, Some(lattice.voxel_size));
         let truth: Vec<f64> = points[..20_000].par_iter().map(|p| reference.density(p.to_array())).collect();
         let peak = truth.iter().fold(0.0_f64, |most, &value| most.max(value));
         assert!(peak > 0.0);

@@ -24,15 +24,21 @@ fn scene(text: &str) -> Scene {
     Scene::parse(text, "mass.toml").unwrap_or_else(|errors| panic!("{errors}\n{text}"))
 }
 
+fn compile(scene: &Scene, lattice: Lattice) -> Field {
+    let mut field = Field::compile(scene);
+    field.widen(lattice);
+    field
+}
+
 fn at_rest(scene: &Scene, h: f64) -> RestMass {
-    let field = Field::compile(scene, 0.0);
-    RestMass::new(&field, scene, Lattice { voxel_size: h }, 1 << 15, Level::best())
+    let lattice = Lattice { voxel_size: h };
+    RestMass::new(&compile(scene, lattice), scene, lattice, 1 << 15, Level::best())
 }
 
 /// A bake's tally, its mass, and that at rest.
 fn weigh(scene: &Scene, h: f64) -> (Tally, f64, RestMass) {
-    let field = Field::compile(scene, 0.0);
     let lattice = Lattice { voxel_size: h };
+    let field = compile(scene, lattice);
     let plan = Plan::new(&field, lattice, 1 << 32).unwrap_or_else(|error| panic!("{error}"));
     let mut store = Store::default();
     let Ok((tally, _)) = bake(&field, &plan, 0.0, Level::best(), &mut store, |_| ());
@@ -144,7 +150,7 @@ fn masses_of_tubes_add_up_and_none_is_none() {
 
 /// The mass at rest by the reference: a lattice over the cylinder's box, with the error that one of half as many points lets expect.
 fn brute(scene: &Scene, h: f64) -> [f64; 2] {
-    let reference = Reference::new(scene, 0.0, Some(h));
+    let reference = Reference::new(scene, Some(h));
     let rest = scene.tubes()[0].rest;
     let length = if scene.tubes()[0].stretch { rest.length } else { reference.length(0) };
     let sum = |count: u32| {
@@ -368,7 +374,7 @@ fn volume_changes_as_the_gain_says() {
     let mut random = Random(9);
     for text in texts {
         let scene = scene(&text);
-        let reference = Reference::new(&scene, 0.0, None);
+        let reference = Reference::new(&scene, None);
         let tube = &scene.tubes()[0];
         for _ in 0..100 {
             let angle = random.within(0.0, 2.0 * PI);

@@ -40,9 +40,17 @@ pub(crate) struct Probed {
     pub(crate) grids: Vec<Vec<([f64; 3], bool)>>,
 }
 
+/// The variables that name the Pythons with OpenVDB's module: of version 10, and of version 12, which knows all types.
+pub(crate) const OPENVDBS: [&str; 2] = ["VDBAKE_OPENVDB_PYTHON", "VDBAKE_BPY_PYTHON"];
+
 /// What OpenVDB, of the version that knows all types, finds in files, each at its own indices.
 pub(crate) fn openvdb_probe(files: &[&Path], points: &[Vec<[i32; 3]>]) -> Vec<Probed> {
-    let mut command = judge("VDBAKE_BPY_PYTHON");
+    openvdb_probe_by(OPENVDBS[1], files, points)
+}
+
+/// The same, by either of [`OPENVDBS`].
+pub(crate) fn openvdb_probe_by(python: &str, files: &[&Path], points: &[Vec<[i32; 3]>]) -> Vec<Probed> {
+    let mut command = judge(python);
     let command = script(&mut command, "openvdb_probe.py");
     for (file, points) in files.iter().zip(points) {
         let list = file.with_extension("points");
@@ -89,11 +97,10 @@ pub(crate) fn vdb_print(file: &Path) -> Result<String, String> {
     if text.contains("ERROR") { Err(text) } else { Ok(text) }
 }
 
-/// The voxels that `vdb-rs` finds, sorted by index.
-pub(crate) fn vdb_rs(file: &Path) -> Vec<Voxel> {
+/// The voxels that `vdb-rs` finds in a grid of numbers, sorted by index.
+pub(crate) fn vdb_rs(file: &Path, grid: &str) -> Vec<Voxel> {
     let file = BufReader::new(File::open(file).expect("a readable file"));
-    let grid =
-        VdbReader::new(file).and_then(|mut reader| reader.read_grid::<f32>("density")).expect("a grid");
+    let grid = VdbReader::new(file).and_then(|mut reader| reader.read_grid::<f32>(grid)).expect("a grid");
     let mut voxels = Vec::new();
     for (corner, value, level) in grid.iter() {
         let edge = match level {
@@ -109,7 +116,7 @@ pub(crate) fn vdb_rs(file: &Path) -> Vec<Voxel> {
 }
 
 /// The indices in a cube at the origin.
-fn indices(edge: i32) -> impl Iterator<Item = [i32; 3]> {
+pub(crate) fn indices(edge: i32) -> impl Iterator<Item = [i32; 3]> {
     (0..edge).flat_map(move |x| (0..edge).flat_map(move |y| (0..edge).map(move |z| [x, y, z])))
 }
 

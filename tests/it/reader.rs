@@ -7,10 +7,13 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use tempfile::tempdir;
-use vdbake::formats::vdb::{AnyTree, Grid, GridInfo, Map, Meta, Metadata, Tree, VdbFile, VdbReadError};
+use vdbake::formats::vdb::{
+    AnyPartialTree, AnyTree, Compression, FileHeader, Grid, GridClass, GridHeader, GridInfo, Map, Meta,
+    Metadata, NotRead, Part, PartialTree, Tree, VdbFile, VdbGridBuilder, VdbReadError, VectorType, write,
+};
 
 use crate::oracle::{Probed, openvdb, openvdb_make, openvdb_probe, vdb_tool};
-use crate::support::{assert_same, random};
+use crate::support::{assert_same, random, stdout, vdbake};
 
 /// A value of any type as OpenVDB's module gives it, its state, and how many numbers it has.
 type Sample = ([f64; 3], bool);
@@ -91,6 +94,60 @@ fn files_of_houdini_read_as_openvdb_reads_them() {
     }
 }
 
+#[test]
+fn metadata_of_every_type_is_what_openvdb_reads() {
+    let rows = [[1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4], [-1.0, 1e10, 1e-10, 0.0], [5.0, 6.0, 7.0, 8.5]];
+    #[allow(clippy::cast_possible_truncation, reason = "rounded")]
+    let single = rows.map(|row| row.map(|x| x as f32));
+    let metadata = Metadata::from([
+        ("a".into(), "text \u{e9}".into()),
+        ("b".into(), Meta::Bool(true)),
+        ("c".into(), Meta::Int32(i32::MIN)),
+        ("d".into(), Meta::Int64(1 << 40)),
+        ("e".into(), Meta::Float(0.1)),
+        ("f".into(), Meta::Double(0.1)),
+        ("g".into(), Meta::Vec2i([1, -2])),
+        ("h".into(), Meta::Vec2s([0.1, -2.5])),
+        ("i".into(), Meta::Vec2d([0.1, -2.5])),
+        ("j".into(), Meta::Vec3i([1, -2, 3])),
+        ("k".into(), Meta::Vec3s([0.1, -2.5, 3.0])),
+        ("l".into(), Meta::Vec3d([0.1, -2.5, 3.0])),
+        ("m".into(), Meta::Vec4i([1, -2, 3, i32::MAX])),
+        ("n".into(), Meta::Vec4s(single[1])),
+        ("o".into(), Meta::Vec4d(rows[1])),
+        ("p".into(), Meta::Mat4s(single)),
+        ("q".into(), Meta::Mat4d(rows)),
+    ]);
+    let folder = tempdir().expect("a temporary folder");
+    let path = folder.path().join("metadata.vdb");
+    let header = FileHeader { uuid: uuid::Uuid::nil(), metadata: metadata.clone() };
+    let grid_header = GridHeader {
+        name: "density".into(),
+        voxel_size: 0.5,
+        translation: [0.0; 3],
+        class: GridClass::FogVolume,
+        vector_type: VectorType::Invariant,
+        metadata: metadata.clone(),
+    };
+    let mut file = File::create(&path).expect("a writable folder");
+    write(&mut file, &header, &[(&grid_header, &VdbGridBuilder::new(Compression::None))]).expect("a file");
+    let read = open(&path);
+    assert_eq!(read.info().metadata, metadata);
+    assert!(metadata.iter().all(|(name, value)| read.info().grids[0].metadata.get(name) == Some(value)));
+    // Not Blender's module, which does not know vectors of single precision.
+    let verdict = openvdb(&path).expect("OpenVDB reads it").report;
+    assert_eq!(verdict["metadata"], described(&metadata));
+    assert_eq!(verdict["grids"][0]["metadata"], described(&read.info().grids[0].metadata));
+
+    let output = vdbake().args(["info", "--json"]).arg(&path).output().expect("the program starts");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!(report["metadata"], described(&metadata));
+    assert_eq!(report["grids"][0]["metadata"]["q"], json!(rows));
+    let output = vdbake().arg("info").arg(&path).output().expect("the program starts");
+    let (told, row) = (stdout(&output), "(5, 6, 7, 8.5)");
+    assert!(told.matches(row).count() == 4 && told.matches("(1, -2, 3, 2147483647)").count() == 2, "{told}");
+}
+
 fn text(path: &Path) -> String {
     path.to_str().expect("UTF-8").to_owned()
 }
@@ -110,6 +167,9 @@ fn assert_same_as_openvdb(files: &[PathBuf]) {
             let count = file.info().grids.len();
             let mut grids: Vec<_> =
                 (0..count).map(|number| file.grid_at(number).unwrap_or_else(context)).collect();
+            for (number, grid) in grids.iter().enumerate() {
+                assert_parts(&mut file, number, &grid.tree);
+            }
             // OpenVDB sorts them.
             grids.sort_by(|a, b| a.info.name.cmp(&b.info.name));
             (path.clone(), file.info().metadata.clone(), grids)
@@ -159,6 +219,39 @@ macro_rules! with_tree {
             AnyTree::Vec3d($name) => $body,
         }
     };
+}
+
+/// That parts of a grid, read alone, are as in the whole.
+fn assert_parts(file: &mut VdbFile<File>, number: usize, whole: &AnyTree) {
+    let points = points(whole);
+    for part in [Part::within([-70, -40, -9], [9, 30, 60]), Part::around(points.iter().step_by(700).copied())]
+    {
+        let found = file.grid_part_at(number, &part).expect("a part of a grid").tree;
+        macro_rules! compare {
+            ($($kind:ident),*) => {
+                match (whole, &found) {
+                    $((AnyTree::$kind(whole), AnyPartialTree::$kind(found)) => assert_part(whole, found, &points),)*
+                    _ => panic!("other types"),
+                }
+            };
+        }
+        compare!(Bool, Int32, Int64, Float, Double, Vec3i, Vec3s, Vec3d);
+    }
+}
+
+fn assert_part<T: vdbake::formats::vdb::Value>(whole: &Tree<T>, part: &PartialTree<T>, points: &[[i32; 3]]) {
+    assert_eq!(part.stats(), whole.stats());
+    for point in points {
+        let (expected, active) = whole.value(*point);
+        match part.value(*point) {
+            Ok(found) => assert!(found.0.same(expected) && found.1 == active, "{found:?} at {point:?}"),
+            Err(NotRead { index }) => assert!(index == *point && whole.leaf_at(index).is_some()),
+        }
+    }
+    for leaf in part.leaves() {
+        let other = whole.leaf_at(leaf.origin).and_then(|number| whole.leaf(number)).expect("the same leaf");
+        assert!(leaf.mask == other.mask && leaf.values.iter().zip(other.values).all(|(a, b)| a.same(*b)));
+    }
 }
 
 #[allow(clippy::cast_precision_loss, reason = "the integers in these files are below 2^53")]
@@ -270,9 +363,17 @@ fn described(metadata: &Metadata) -> Value {
         Meta::Int64(number) => json!(number),
         Meta::Float(number) => json!(f64::from(*number)),
         Meta::Double(number) => json!(number),
+        Meta::Vec2i(numbers) => json!(numbers),
+        Meta::Vec2s(numbers) => json!(numbers.map(f64::from)),
+        Meta::Vec2d(numbers) => json!(numbers),
         Meta::Vec3i(numbers) => json!(numbers),
         Meta::Vec3s(numbers) => json!(numbers.map(f64::from)),
         Meta::Vec3d(numbers) => json!(numbers),
+        Meta::Vec4i(numbers) => json!(numbers),
+        Meta::Vec4s(numbers) => json!(numbers.map(f64::from)),
+        Meta::Vec4d(numbers) => json!(numbers),
+        Meta::Mat4s(rows) => json!(rows.map(|row| row.map(f64::from))),
+        Meta::Mat4d(rows) => json!(rows),
         Meta::Other { type_name, .. } => json!(type_name),
     };
     metadata.iter().map(|(name, meta)| (name.clone(), value(meta))).collect::<serde_json::Map<_, _>>().into()

@@ -19,6 +19,16 @@ pub(crate) const RESOLUTION: &str = "64";
 /// Every form in which values are stored.
 pub(crate) const COMPRESSIONS: [&str; 3] = ["blosc", "zip", "none"];
 
+/// Every precision and compression together, as options of the program.
+pub(crate) const FORMS: [[&str; 4]; 6] = [
+    ["--compression", "blosc", "--precision", "f32"],
+    ["--compression", "zip", "--precision", "f32"],
+    ["--compression", "none", "--precision", "f32"],
+    ["--compression", "blosc", "--precision", "f16"],
+    ["--compression", "zip", "--precision", "f16"],
+    ["--compression", "none", "--precision", "f16"],
+];
+
 /// A straight solid tube: whole bricks inside it have one value, so they are stored as tiles.
 pub(crate) const SOLID: &str = r#"
 name = "solid"
@@ -84,11 +94,20 @@ pub(crate) fn bake(scene: &Path, folder: &Path, options: &[&str]) -> Baked {
     Baked { path, report, voxel_size }
 }
 
+/// The active voxels that the library finds in a scene, rounded as one of [`FORMS`] says, sorted by index.
+pub(crate) fn rounded(scene: &Path, voxel_size: f64, form: [&str; 4]) -> Vec<Voxel> {
+    let mut voxels = evaluated(scene, voxel_size);
+    if form[3] == "f16" {
+        voxels.iter_mut().for_each(|voxel| voxel.1 = half::f16::from_f32(voxel.1).to_f32());
+    }
+    voxels
+}
+
 /// The active voxels that the library finds in a scene, sorted by index.
 pub(crate) fn evaluated(scene: &Path, voxel_size: f64) -> Vec<Voxel> {
     let text = fs::read_to_string(scene).expect("a readable scene");
     let scene = Scene::parse(&text, &scene.to_string_lossy()).expect("a valid scene");
-    let field = Field::compile(&scene, 0.0);
+    let field = Field::compile(&scene);
     let plan = Plan::new(&field, Lattice { voxel_size }, 1 << 30).expect("a small bake");
     let mut store = Store::default();
     volume::bake(&field, &plan, scene.bake().cutoff, Level::best(), &mut store, |_| ())

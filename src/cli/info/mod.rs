@@ -24,7 +24,9 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     if is_vdb(path)? {
         return global.show(&vdb::read(path)?, vdb::human);
     }
-    global.show(&scene::describe(&job::read_scene(path)?), scene::human)
+    let scene = job::read_scene(path)?;
+    global.warn_of(scene.warnings());
+    global.show(&scene::describe(&scene), scene::human)
 }
 
 /// Whether a file is one of OpenVDB, by its first bytes or its name.

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::cli::job::{dimensions, voxel_size};
 use crate::cli::text;
 use crate::field::Field;
-use crate::scene::{Caps, Layer, Op, Pattern, Scene, Tube};
+use crate::scene::{Caps, Input, Layer, Op, Pattern, Scene, Tube};
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -23,6 +23,16 @@ pub(super) struct Report {
     start: i64,
     tubes: Vec<TubeReport>,
     lights: usize,
+    /// Files that the scene names.
+    inputs: Vec<InputReport>,
+    /// What is hardly meant, each with its line and column.
+    warnings: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct InputReport {
+    path: String,
+    sha256: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -31,8 +41,15 @@ struct TubeReport {
     segments: usize,
     /// Metres.
     length: f64,
+    closed: bool,
+    /// Angle in radians by which a closed curve's frame would arrive turned, and is turned back over the length.
+    holonomy: f64,
+    /// Joints where the tangent turns by more than a degree.
+    corners: usize,
     /// Smallest and largest, in metres.
     radius: [f64; 2],
+    /// Where the radius is read from a file: metres that it may be off between its samples.
+    radius_sampling_error: Option<f64>,
     /// Turns from end to end.
     twist: f64,
     /// Turns a second.
@@ -43,7 +60,7 @@ struct TubeReport {
 
 /// Describes.
 pub(super) fn describe(scene: &Scene) -> Report {
-    let field = Field::compile(scene, 0.0);
+    let field = Field::compile(scene);
     let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
     let (bake, time) = (scene.bake(), scene.time());
     let voxel_size = voxel_size(bake.step, bounds);
@@ -59,19 +76,33 @@ pub(super) fn describe(scene: &Scene) -> Report {
         start: time.start,
         tubes: scene.tubes().iter().map(tube).collect(),
         lights: scene.lights().len(),
+        inputs: scene.inputs().iter().map(input).collect(),
+        warnings: text::warnings(scene.warnings()),
     }
 }
 
+fn input(input: &Input) -> InputReport {
+    InputReport { path: input.path.clone(), sha256: text::hexadecimal(&input.sha256) }
+}
+
 fn tube(tube: &Tube) -> TubeReport {
+    /// Radians.
+    const CORNER: f64 = 1.0 / 180.0 * std::f64::consts::PI;
     let (least, largest) = tube.radius.range(0.0, 1.0);
+    let segments = tube.curve.segments().len();
     TubeReport {
         name: tube.name.clone(),
-        segments: tube.curve.segments().len(),
+        segments,
         length: tube.curve.length(),
+        closed: tube.curve.is_closed(),
+        holonomy: tube.curve.holonomy(),
+        corners: (0..segments).filter(|joint| tube.curve.turn(*joint) > CORNER).count(),
         radius: [least, largest],
+        radius_sampling_error: tube.sampling_error,
         twist: tube.twist,
         spin: tube.spin,
         caps: match tube.caps {
+            _ if tube.curve.is_closed() => "none",
             Caps::Flat => "flat",
             Caps::Fade(_) => "fade",
             Caps::Round => "round",
@@ -104,17 +135,33 @@ pub(super) fn human(report: &Report) -> String {
         let [least, largest] = tube.radius.map(text::short);
         let radius = if least == largest { least } else { format!("{least} to {largest}") };
         table.heading(format!("tube \"{}\"", text::tidy(&tube.name)));
-        table.row(
-            "axis",
-            format!("{} m in {}", text::short(tube.length), text::number(tube.segments as u64, "segment")),
-        );
+        let segments = text::number(tube.segments as u64, "segment");
+        let closed = if tube.closed { ", closed" } else { "" };
+        table.row("axis", format!("{} m in {segments}{closed}", text::short(tube.length)));
+        if tube.corners > 0 {
+            let joints = text::number(tube.corners as u64, "joint");
+            table.row("corners", format!("{joints} of more than a degree"));
+        }
+        if tube.closed {
+            let degrees = text::short(tube.holonomy.to_degrees());
+            table.row("holonomy", format!("{degrees} degrees"));
+        }
         table.row("radius", format!("{radius} m"));
+        if let Some(error) = tube.radius_sampling_error {
+            table.row("", format!("about {} m off between its samples", text::short(error)));
+        }
         table.row(
             "twist",
             format!("{} turns, and {} a second", text::short(tube.twist), text::short(tube.spin)),
         );
         table.row("caps", tube.caps);
         table.rows("layers", &tube.layers, "none");
+    }
+    if !report.inputs.is_empty() {
+        table.heading("files");
+        for input in &report.inputs {
+            table.row("sha256", format!("{} {}", input.sha256, text::tidy(&input.path)));
+        }
     }
     table.finish()
 }

@@ -53,9 +53,14 @@ enum Value {
     Flag(bool),
     Integer(i64),
     Number(f64),
-    Integers([i32; 3]),
-    Numbers([f64; 3]),
-    Other { r#type: String, bytes: usize },
+    Integers(Vec<i32>),
+    Numbers(Vec<f64>),
+    /// Rows.
+    Matrix(Vec<[f64; 4]>),
+    Other {
+        r#type: String,
+        bytes: usize,
+    },
 }
 
 impl From<&Meta> for Value {
@@ -67,9 +72,17 @@ impl From<&Meta> for Value {
             Meta::Int64(n) => Value::Integer(*n),
             Meta::Float(x) => Value::Number((*x).into()),
             Meta::Double(x) => Value::Number(*x),
-            Meta::Vec3i(v) => Value::Integers(*v),
-            Meta::Vec3s(v) => Value::Numbers(v.map(f64::from)),
-            Meta::Vec3d(v) => Value::Numbers(*v),
+            Meta::Vec2i(v) => Value::Integers(v.to_vec()),
+            Meta::Vec2s(v) => Value::Numbers(v.map(f64::from).to_vec()),
+            Meta::Vec2d(v) => Value::Numbers(v.to_vec()),
+            Meta::Vec3i(v) => Value::Integers(v.to_vec()),
+            Meta::Vec3s(v) => Value::Numbers(v.map(f64::from).to_vec()),
+            Meta::Vec3d(v) => Value::Numbers(v.to_vec()),
+            Meta::Vec4i(v) => Value::Integers(v.to_vec()),
+            Meta::Vec4s(v) => Value::Numbers(v.map(f64::from).to_vec()),
+            Meta::Vec4d(v) => Value::Numbers(v.to_vec()),
+            Meta::Mat4s(rows) => Value::Matrix(rows.map(|row| row.map(f64::from)).to_vec()),
+            Meta::Mat4d(rows) => Value::Matrix(rows.to_vec()),
             Meta::Other { type_name, bytes } => {
                 Value::Other { r#type: type_name.clone(), bytes: bytes.len() }
             }
@@ -84,11 +97,17 @@ impl Value {
             Value::Flag(flag) => flag.to_string(),
             Value::Integer(n) => n.to_string(),
             Value::Number(x) => x.to_string(),
-            Value::Integers([x, y, z]) => format!("({x}, {y}, {z})"),
-            Value::Numbers([x, y, z]) => format!("({x}, {y}, {z})"),
+            Value::Integers(numbers) => list(numbers, i32::to_string),
+            Value::Numbers(numbers) => list(numbers, f64::to_string),
+            Value::Matrix(rows) => list(rows, |row| list(row, f64::to_string)),
             Value::Other { r#type, bytes } => format!("{bytes} bytes of type {}", text::tidy(r#type)),
         }
     }
+}
+
+fn list<T>(items: &[T], text: impl Fn(&T) -> String) -> String {
+    let items: Vec<String> = items.iter().map(text).collect();
+    format!("({})", items.join(", "))
 }
 
 /// Reads the file's headers.
@@ -172,6 +191,17 @@ pub(super) fn human(report: &Report) -> String {
     table.finish()
 }
 
+/// Metadata that is told already, in other words.
+const TOLD: [&str; 7] = [
+    "class",
+    "file_bbox_max",
+    "file_bbox_min",
+    "file_compression",
+    "file_voxel_count",
+    "is_saved_as_half_float",
+    "name",
+];
+
 fn describe(grid: &Grid, table: &mut text::Table) {
     let or_unknown = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
     let half = if grid.half { ", stored as 16-bit floats" } else { "" };
@@ -197,4 +227,7 @@ fn describe(grid: &Grid, table: &mut text::Table) {
     let bbox = grid.bbox.map(|[low, high]| format!("{} to {}", corner(low), corner(high)));
     table.row("index bounds", bbox.unwrap_or_else(|| "none".to_owned()));
     table.row("size", text::bytes(grid.bytes));
+    for (name, value) in grid.metadata.iter().filter(|(name, _)| !TOLD.contains(&name.as_str())) {
+        table.row(&text::tidy(name), value.human());
+    }
 }

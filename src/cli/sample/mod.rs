@@ -16,11 +16,14 @@ use super::job::{Compiled, SceneOptions};
 use super::output::Output;
 use super::{Failure, Global, info, print, text};
 use crate::formats::npy;
-use crate::formats::vdb::{FileInfo, VdbFile};
+use crate::formats::vdb::{FileInfo, PartialGrid, VdbFile};
 use crate::num::Level;
 use crate::reference::Reference;
-use crate::volume::{self, Filter, PlanError, WorldToIndex};
+use crate::volume::{self, Filter, Part, PlanError, WorldToIndex};
 use values::Samples;
+
+/// Bytes of a grid that are read in the time that it takes to find out where a point's voxels are, about.
+const BYTES_A_POINT: u64 = 512;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -181,7 +184,7 @@ fn form(path: &Path) -> Result<Form, Failure> {
 fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let Compiled { scene, field, lattice, time, .. } = Compiled::new(&arguments.file, &arguments.scene)?;
     let (samples, method) = if arguments.exact {
-        let reference = Reference::new(&scene, time, Some(lattice.voxel_size));
+        let reference = Reference::new(&scene, Some(lattice.voxel_size));
         (Samples::by_reference(&reference, points), "reference")
     } else {
         let budget = arguments.scene.budget().bytes();
@@ -213,20 +216,29 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let mut file = VdbFile::open(file).map_err(failed)?.with_memory_limit(arguments.scene.budget().bytes());
     let number = choose(file.info(), arguments.grid.as_deref())?;
-    let grid = file.grid_at(number).map_err(failed)?;
+    let info = file.info().grids.get(number).ok_or_else(|| Failure::input("the file holds no grid"))?;
     let indices: Vec<DVec3> = if arguments.index {
         points.to_vec()
     } else {
-        let map = grid.info.map.matrix.as_ref().and_then(WorldToIndex::new).ok_or_else(|| {
-            let map = text::tidy(&grid.info.map.type_name);
+        let map = info.map.matrix.as_ref().and_then(WorldToIndex::new).ok_or_else(|| {
+            let map = text::tidy(&info.map.type_name);
             Failure::input(format!("the grid's {map} has no inverse that is known here"))
                 .hint("--index samples in index space")
         })?;
         points.iter().map(|point| map.index(*point)).collect()
     };
     let filter = arguments.filter.map_or(Filter::Trilinear, Filter::from);
+    // Points are sought before the values are read, one by one; where they are many, to read all values takes less.
+    let few = (indices.len() as u64).saturating_mul(BYTES_A_POINT) < info.bytes;
+    let grid = if few {
+        file.grid_part_at(number, &Part::of_points(filter, &indices))
+    } else {
+        file.grid_at(number).map(PartialGrid::from)
+    };
+    let grid = grid.map_err(failed)?;
     Ok(Found {
-        samples: Samples::of_tree(&grid.tree, filter, &indices),
+        samples: Samples::of_tree(&grid.tree, filter, &indices)
+            .map_err(|error| Failure::failed("cannot sample the grid").because(error))?,
         grid: grid.info.name,
         method: match filter {
             Filter::Nearest => "nearest",

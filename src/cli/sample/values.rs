@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use serde::ser::{Serialize, SerializeSeq, Serializer};
 
 use crate::formats::npy::{Array, Values};
-use crate::formats::vdb::AnyTree;
+use crate::formats::vdb::AnyPartialTree;
 use crate::num::Scalar;
 use crate::reference::Reference;
-use crate::volume::{Filter, Sampled, Tree, sample_at};
+use crate::volume::{Filter, NotRead, PartialTree, Sampled};
 
 /// A number or three for each point: of shape (N) or (N, 3).
 #[derive(Debug)]
@@ -39,19 +39,25 @@ impl Samples {
     }
 
     /// Values of a tree: in single precision where the tree has it, else in double.
-    pub(super) fn of_tree(tree: &AnyTree, filter: Filter, points: &[DVec3]) -> Samples {
+    pub(super) fn of_tree(
+        tree: &AnyPartialTree,
+        filter: Filter,
+        points: &[DVec3],
+    ) -> Result<Samples, NotRead> {
         match tree {
-            AnyTree::Bool(tree) => doubles(tree, filter, points),
-            AnyTree::Int32(tree) => doubles(tree, filter, points),
-            AnyTree::Int64(tree) => doubles(tree, filter, points),
-            AnyTree::Double(tree) => doubles(tree, filter, points),
-            AnyTree::Float(tree) => Samples::numbers(Values::F32(single(&sample_at(tree, filter, points)))),
-            AnyTree::Vec3s(tree) => {
-                let values = single(sample_at(tree, filter, points).as_flattened());
-                Samples::vectors(points.len(), Values::F32(values))
+            AnyPartialTree::Bool(tree) => doubles(tree, filter, points),
+            AnyPartialTree::Int32(tree) => doubles(tree, filter, points),
+            AnyPartialTree::Int64(tree) => doubles(tree, filter, points),
+            AnyPartialTree::Double(tree) => doubles(tree, filter, points),
+            AnyPartialTree::Float(tree) => {
+                Ok(Samples::numbers(Values::F32(single(&tree.sample_at(filter, points)?))))
             }
-            AnyTree::Vec3i(tree) => vectors(tree, filter, points),
-            AnyTree::Vec3d(tree) => vectors(tree, filter, points),
+            AnyPartialTree::Vec3s(tree) => {
+                let values = single(tree.sample_at(filter, points)?.as_flattened());
+                Ok(Samples::vectors(points.len(), Values::F32(values)))
+            }
+            AnyPartialTree::Vec3i(tree) => vectors(tree, filter, points),
+            AnyPartialTree::Vec3d(tree) => vectors(tree, filter, points),
         }
     }
 
@@ -74,12 +80,20 @@ impl Samples {
     }
 }
 
-fn doubles<T: Sampled<Wide = f64>>(tree: &Tree<T>, filter: Filter, points: &[DVec3]) -> Samples {
-    Samples::numbers(Values::F64(sample_at(tree, filter, points)))
+fn doubles<T: Sampled<Wide = f64>>(
+    tree: &PartialTree<T>,
+    filter: Filter,
+    points: &[DVec3],
+) -> Result<Samples, NotRead> {
+    Ok(Samples::numbers(Values::F64(tree.sample_at(filter, points)?)))
 }
 
-fn vectors<T: Sampled<Wide = [f64; 3]>>(tree: &Tree<T>, filter: Filter, points: &[DVec3]) -> Samples {
-    Samples::vectors(points.len(), Values::F64(sample_at(tree, filter, points).into_flattened()))
+fn vectors<T: Sampled<Wide = [f64; 3]>>(
+    tree: &PartialTree<T>,
+    filter: Filter,
+    points: &[DVec3],
+) -> Result<Samples, NotRead> {
+    Ok(Samples::vectors(points.len(), Values::F64(tree.sample_at(filter, points)?.into_flattened())))
 }
 
 fn single(values: &[f64]) -> Vec<f32> {

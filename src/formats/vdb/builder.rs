@@ -3,27 +3,35 @@
 use std::io::Write;
 
 use super::codec::{Compression, Encoder};
-use super::file::{FileHeader, FileWriter, GridHeader, VdbWriteError};
+use super::file::{FileHeader, FileWriter, VdbWriteError};
+use super::grid::GridHeader;
 use super::topology::Topology;
+use super::voxel::Voxel;
 use crate::volume::{Leaf, Stats, Tile};
 
 /// Encoded bytes are kept in pieces of this size, so that growing never copies what is there.
 const PIECE: usize = 4 << 20;
 
 /// A run of bricks encoded by one thread. Cleared and filled again, it allocates nothing.
-#[derive(Debug, Clone, Default)]
-pub struct EncodedBricks {
-    bricks: Vec<Brick>,
+#[derive(Debug, Clone)]
+pub struct EncodedBricks<T = f32> {
+    bricks: Vec<Brick<T>>,
     bytes: Vec<u8>,
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Brick {
+enum Brick<T> {
     Leaf(Leaf),
-    Tile(Tile),
+    Tile(Tile<T>),
 }
 
-impl EncodedBricks {
+impl<T> Default for EncodedBricks<T> {
+    fn default() -> Self {
+        Self { bricks: vec![], bytes: vec![] }
+    }
+}
+
+impl<T: Voxel> EncodedBricks<T> {
     /// Forgets all bricks and keeps the memory.
     pub fn clear(&mut self) {
         self.bricks.clear();
@@ -34,14 +42,14 @@ impl EncodedBricks {
     ///
     /// `origin` is the index of its first voxel. Voxel (x, y, z) has the index `64 x + 8 y + z` in `values` and is active
     /// where bit `8 y + z` of `mask[x]` is set. A brick without an active voxel adds nothing; one that is active
-    /// throughout with one value becomes a tile; values of inactive voxels are not kept.
-    pub fn push(&mut self, encoder: Encoder, origin: [i32; 3], mask: &[u64; 8], values: &[f32; 512]) {
+    /// throughout with one value, in the encoder's precision, becomes a tile; values of inactive voxels are not kept.
+    pub fn push(&mut self, encoder: Encoder, origin: [i32; 3], mask: &[u64; 8], values: &[T; 512]) {
         if mask.iter().all(|word| *word == 0) {
             return;
         }
-        let value = values[0];
-        if mask.iter().all(|word| *word == u64::MAX) && values.iter().all(|v| v.to_bits() == value.to_bits())
-        {
+        let value = encoder.round(values[0]);
+        let alike = |v: &T| v.same(value) || encoder.round(*v).same(value);
+        if mask.iter().all(|word| *word == u64::MAX) && values.iter().all(alike) {
             self.bricks.push(Brick::Tile(Tile { origin, log2_edge: 3, value }));
         } else {
             self.bricks.push(Brick::Leaf(Leaf { origin, mask: *mask }));
@@ -50,20 +58,27 @@ impl EncodedBricks {
     }
 }
 
-/// A float grid in the making: topology and encoded leaves, in memory.
+/// A grid in the making: topology and encoded leaves, in memory.
 ///
-/// Memory is about 80 bytes a leaf and 16 a tile, besides the encoded bytes.
+/// Memory is about 80 bytes a leaf and 16 a tile (24 for vectors), besides the encoded bytes.
 #[derive(Debug, Clone)]
-pub struct VdbGridBuilder {
+pub struct VdbGridBuilder<T = f32> {
     encoder: Encoder,
-    topology: Topology,
+    topology: Topology<T>,
     pieces: Vec<Vec<u8>>,
 }
 
 impl VdbGridBuilder {
-    /// A grid with no voxels.
+    /// A grid of numbers in single precision, with no voxels.
     pub fn new(compression: Compression) -> Self {
-        Self { encoder: Encoder::new(compression), topology: Topology::default(), pieces: vec![] }
+        Self::with_encoder(Encoder::new(compression))
+    }
+}
+
+impl<T: Voxel> VdbGridBuilder<T> {
+    /// A grid with no voxels, for bricks of this encoder.
+    pub fn with_encoder(encoder: Encoder) -> Self {
+        Self { encoder, topology: Topology::default(), pieces: vec![] }
     }
 
     /// The encoder that this grid's bricks must be encoded with.
@@ -76,7 +91,7 @@ impl VdbGridBuilder {
     /// # Errors
     /// [`VdbWriteError::Misaligned`] and [`VdbWriteError::Order`], see [`Topology::push_leaf`]; the grid is then of no
     /// further use.
-    pub fn append(&mut self, run: &EncodedBricks) -> Result<(), VdbWriteError> {
+    pub fn append(&mut self, run: &EncodedBricks<T>) -> Result<(), VdbWriteError> {
         for brick in &run.bricks {
             match brick {
                 Brick::Leaf(leaf) => self.topology.push_leaf(*leaf)?,
@@ -108,18 +123,34 @@ impl VdbGridBuilder {
     }
 }
 
-/// Writes a file with these grids; returns its length in bytes.
+/// A grid that can be put into a file, whatever the type of its voxels.
+pub trait WriteGrid {
+    /// Writes the grid behind those that the file has.
+    ///
+    /// # Errors
+    /// Those of [`FileWriter::grid`].
+    fn write(&self, header: &GridHeader, file: &mut FileWriter<&mut dyn Write>) -> Result<(), VdbWriteError>;
+}
+
+impl<T: Voxel> WriteGrid for VdbGridBuilder<T> {
+    fn write(&self, header: &GridHeader, file: &mut FileWriter<&mut dyn Write>) -> Result<(), VdbWriteError> {
+        file.grid(header, &self.topology, self.encoder, self.encoded_bytes(), &self.pieces)
+    }
+}
+
+/// Writes a file with these grids, of any types; returns its length in bytes.
 ///
 /// # Errors
 /// Those of [`FileWriter`].
 pub fn write(
-    out: impl Write,
+    mut out: impl Write,
     header: &FileHeader,
-    grids: &[(&GridHeader, &VdbGridBuilder)],
+    grids: &[(&GridHeader, &dyn WriteGrid)],
 ) -> Result<u64, VdbWriteError> {
+    let out: &mut dyn Write = &mut out;
     let mut file = FileWriter::new(out, header, grids.len())?;
     for (header, grid) in grids {
-        file.grid(header, &grid.topology, grid.encoder, grid.encoded_bytes(), &grid.pieces)?;
+        grid.write(header, &mut file)?;
     }
     file.finish()
 }

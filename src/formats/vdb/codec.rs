@@ -1,9 +1,12 @@
-//! Value blocks: which entries of a node are stored, and how their bytes are compressed.
+//! Value blocks: which entries of a node are stored, and in which bytes.
 
 use std::cell::RefCell;
 
-use flate2::{Compress, FlushCompress, Status};
-use lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_output_size};
+use half::f16;
+
+use super::chunk::{BLOSC_HEADER, Packer};
+use super::voxel::Voxel;
+use crate::volume::{Precision, to_halves};
 
 /// How a grid's values are stored. All three are lossless.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -30,16 +33,6 @@ impl Compression {
             Self::Blosc => FLAG_BLOSC | FLAG_ACTIVE_MASK,
         }
     }
-
-    /// No value block of this many entries takes more bytes.
-    pub(super) fn largest_block(self, entries: u64) -> u64 {
-        let framing = match self {
-            Self::None => 0,
-            Self::Zip => 8,
-            Self::Blosc => 8 + BLOSC_HEADER as u64,
-        };
-        1 + framing + 4 * entries
-    }
 }
 
 /// The words that OpenVDB uses for compression flags, such as `blosc + active values`.
@@ -57,27 +50,23 @@ const CODE_ACTIVE_ONLY: u8 = 0;
 /// The code before a value block: the payload holds all entries.
 const CODE_ALL: u8 = 6;
 
-/// On voxel values, noisy or smooth, levels 1 to 6 come within 0.1 % of each other; level 1 takes half the time.
-const ZLIB_LEVEL: u32 = 1;
-
-/// Bytes per Blosc block. From 64 KiB on lz4_flex uses a hash that depends on the width of pointers; below, only on
-/// the order of bytes.
-const BLOSC_BLOCK: usize = 32 << 10;
-const BLOSC_HEADER: usize = 16;
-/// Byte shuffle, blocks not split into streams, LZ4.
-const BLOSC_LZ4: u8 = 0x31;
-const BLOSC_STORED: u8 = 0x02;
-
 /// Encodes leaves. It is a small value to copy to every thread; working memory belongs to the thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Encoder {
     compression: Compression,
+    precision: Precision,
 }
 
 impl Encoder {
-    /// An encoder for grids of this compression.
-    pub fn new(compression: Compression) -> Self {
-        Self { compression }
+    /// An encoder for grids of this compression, in single precision.
+    pub const fn new(compression: Compression) -> Self {
+        Self { compression, precision: Precision::F32 }
+    }
+
+    /// An encoder that rounds values to this precision. They are read as they were rounded.
+    #[must_use]
+    pub const fn with_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
     }
 
     /// The compression it encodes for.
@@ -85,67 +74,88 @@ impl Encoder {
         self.compression
     }
 
+    /// The precision it encodes for.
+    pub fn precision(self) -> Precision {
+        self.precision
+    }
+
     /// Appends one leaf's buffer to `out`: mask, code and values.
     ///
     /// Voxel (x, y, z) of the leaf has the index `64 x + 8 y + z`; bit i of the mask is bit `i % 64` of word `i / 64`.
     /// Values of inactive voxels are not kept: they read as the background, 0.
-    pub fn encode_leaf(&self, mask: &[u64; 8], values: &[f32; 512], out: &mut Vec<u8>) {
+    pub fn encode_leaf<T: Voxel>(&self, mask: &[u64; 8], values: &[T; 512], out: &mut Vec<u8>) {
         out.extend(mask.iter().flat_map(|word| word.to_le_bytes()));
         self.encode_block(mask, values, out);
     }
 
     /// Appends the value block of a node. `active` has one bit per value.
-    pub(super) fn encode_block(&self, active: &[u64], values: &[f32], out: &mut Vec<u8>) {
-        // Readers disagree on the framing of an empty payload, so a node with no active entry stores all of them.
+    pub(super) fn encode_block<T: Voxel>(&self, active: &[u64], values: &[T], out: &mut Vec<u8>) {
+        // Readers disagree on the framing of an empty payload, and differently for each precision, so a node with no
+        // active entry stores all of them.
         let only_active = self.compression != Compression::None && active.iter().any(|word| *word != 0);
         out.push(if only_active { CODE_ACTIVE_ONLY } else { CODE_ALL });
-        SCRATCH.with_borrow_mut(|scratch| {
-            gather(active, values, only_active, &mut scratch.kept);
-            match self.compression {
-                Compression::None => put_bytes(out, &scratch.kept),
-                Compression::Zip => scratch.zip(out),
-                Compression::Blosc => scratch.blosc(out),
+        SCRATCH.with_borrow_mut(|Scratch { kept, halves, packer }| {
+            T::gather(active, values, only_active, kept);
+            match self.precision {
+                Precision::F32 => packer.pack(self.compression, kept, out),
+                Precision::F16 => {
+                    to_halves(kept, halves);
+                    packer.pack(self.compression, halves, out);
+                }
             }
         });
     }
+
+    /// The value that is read where this one was written.
+    pub(super) fn round<T: Voxel>(&self, mut value: T) -> T {
+        self.precision.round(T::numbers_mut(std::slice::from_mut(&mut value)));
+        value
+    }
+
+    /// No value block of this many entries takes more bytes.
+    pub(super) fn largest_block<T: Voxel>(self, entries: u64) -> u64 {
+        let framing = match self.compression {
+            Compression::None => 0,
+            Compression::Zip => 8,
+            Compression::Blosc => 8 + BLOSC_HEADER as u64,
+        };
+        1 + framing + (T::NUMBERS * self.precision.bytes()) as u64 * entries
+    }
 }
 
-/// Replaces `kept` by the active values, or by all of them with zeros at inactive ones.
-fn gather(active: &[u64], values: &[f32], only_active: bool, kept: &mut Vec<f32>) {
-    kept.resize(values.len(), 0.0);
+/// Replaces `kept` by the numbers of active values, or of all of them with zeros at inactive ones.
+pub(super) fn gather<const N: usize>(
+    active: &[u64],
+    values: &[[f32; N]],
+    only_active: bool,
+    kept: &mut Vec<f32>,
+) {
+    kept.resize(N * values.len(), 0.0);
+    let slots = kept.as_chunks_mut::<N>().0;
     let mut used = 0;
     for (word, run) in active.iter().zip(values.chunks(64)) {
         if *word == u64::MAX {
-            kept[used..used + run.len()].copy_from_slice(run);
+            slots[used..used + run.len()].copy_from_slice(run);
             used += run.len();
         } else if only_active {
             for (bit, value) in run.iter().enumerate() {
                 // Written in any case; only the position depends on the mask, because masks of noise defeat branch
                 // prediction.
-                kept[used] = *value;
+                slots[used] = *value;
                 used += usize::from((word >> bit) & 1 == 1);
             }
         } else {
-            let slots = &mut kept[used..used + run.len()];
+            let slots = &mut slots[used..used + run.len()];
             slots.copy_from_slice(run);
             for (bit, slot) in slots.iter_mut().enumerate() {
                 // All bits or none: a vector operation, where a choice would become a branch.
                 let keep = u32::from((word >> bit) & 1 == 1).wrapping_neg();
-                *slot = f32::from_bits(slot.to_bits() & keep);
+                *slot = slot.map(|x| f32::from_bits(x.to_bits() & keep));
             }
             used += run.len();
         }
     }
-    kept.truncate(used);
-}
-
-/// Appends values as they are.
-fn put_bytes(out: &mut Vec<u8>, values: &[f32]) {
-    let start = out.len();
-    out.resize(start + 4 * values.len(), 0);
-    for (bytes, value) in out[start..].as_chunks_mut().0.iter_mut().zip(values) {
-        *bytes = value.to_le_bytes();
-    }
+    kept.truncate(N * used);
 }
 
 thread_local! {
@@ -156,90 +166,8 @@ thread_local! {
 #[derive(Default)]
 struct Scratch {
     kept: Vec<f32>,
-    bytes: Vec<u8>,
-    packed: Vec<u8>,
-    // An input of 64 KiB would change its kind for good, and later bytes would depend on that: blocks are smaller.
-    lz4: CompressTable,
-    // flate2's default backend, miniz_oxide, has one code path. Those that choose hash functions by the processor's
-    // features (zlib-rs, zlib-ng) give different bytes on different machines.
-    zlib: Option<Compress>,
-}
-
-impl Scratch {
-    /// Appends a zlib stream behind its length, or the values as they are behind the negative length if that is not
-    /// longer.
-    fn zip(&mut self, out: &mut Vec<u8>) {
-        self.bytes.clear();
-        put_bytes(&mut self.bytes, &self.kept);
-        let room = self.bytes.len().saturating_sub(1);
-        self.packed.resize(self.packed.len().max(room), 0);
-        let zlib = self.zlib.get_or_insert_with(|| Compress::new(flate2::Compression::new(ZLIB_LEVEL), true));
-        zlib.reset();
-        let status = zlib.compress(&self.bytes, &mut self.packed[..room], FlushCompress::Finish);
-        let (size, payload) = match (status, usize::try_from(zlib.total_out())) {
-            (Ok(Status::StreamEnd), Ok(len)) => (chunk_size(len), &self.packed[..len]),
-            _ => (-chunk_size(self.bytes.len()), &self.bytes[..]),
-        };
-        out.extend(size.to_le_bytes());
-        out.extend(payload);
-    }
-
-    /// Appends a Blosc-1 frame behind its length.
-    fn blosc(&mut self, out: &mut Vec<u8>) {
-        let start = out.len();
-        let raw_len = 4 * self.kept.len();
-        out.extend([0; 8 + BLOSC_HEADER]);
-        let frame = start + 8;
-        out.resize(out.len() + 4 * raw_len.div_ceil(BLOSC_BLOCK), 0);
-        for (index, values) in self.kept.chunks(BLOSC_BLOCK / 4).enumerate() {
-            let offset = out.len() - frame;
-            put_u32(out, frame + BLOSC_HEADER + 4 * index, offset);
-            shuffle(values, &mut self.bytes);
-            self.packed.resize(self.packed.len().max(get_maximum_output_size(self.bytes.len())), 0);
-            let packed = compress_into_with_table(&self.bytes, &mut self.packed, &mut self.lz4);
-            // A stream as long as the block it stands for is that block, not compressed.
-            let stream = match packed {
-                Ok(len) if len < self.bytes.len() => &self.packed[..len],
-                _ => &self.bytes[..],
-            };
-            out.extend([0; 4]);
-            let at = out.len() - 4;
-            put_u32(out, at, stream.len());
-            out.extend(stream);
-        }
-        let mut flags = BLOSC_LZ4;
-        if out.len() - frame >= BLOSC_HEADER + raw_len {
-            flags = BLOSC_STORED;
-            out.truncate(frame + BLOSC_HEADER);
-            put_bytes(out, &self.kept);
-        }
-        let frame_len = out.len() - frame;
-        out[start..frame].copy_from_slice(&chunk_size(frame_len).to_le_bytes());
-        out[frame..frame + 4].copy_from_slice(&[2, 1, flags, 4]);
-        put_u32(out, frame + 4, raw_len);
-        put_u32(out, frame + 8, raw_len.min(BLOSC_BLOCK));
-        put_u32(out, frame + 12, frame_len);
-    }
-}
-
-/// Replaces `bytes` by those of the values, grouped by significance.
-fn shuffle(values: &[f32], bytes: &mut Vec<u8>) {
-    bytes.resize(4 * values.len(), 0);
-    for (significance, plane) in bytes.chunks_exact_mut(values.len().max(1)).enumerate() {
-        for (byte, value) in plane.iter_mut().zip(values) {
-            *byte = value.to_le_bytes()[significance];
-        }
-    }
-}
-
-#[allow(clippy::cast_possible_wrap, reason = "a block is at most 128 KiB")]
-fn chunk_size(len: usize) -> i64 {
-    len as i64
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "a block is at most 128 KiB")]
-fn put_u32(out: &mut [u8], at: usize, value: usize) {
-    out[at..at + 4].copy_from_slice(&(value as u32).to_le_bytes());
+    halves: Vec<f16>,
+    packer: Packer,
 }
 
 #[cfg(test)]
@@ -340,6 +268,29 @@ mod tests {
         let frame = [2, 1, 2, 4, 4, 0, 0, 0, 4, 0, 0, 0, 20, 0, 0, 0];
         let blosc = leaf(Compression::Blosc, &mask, &values);
         assert_eq!(blosc[64..], [&[0][..], &20_i64.to_le_bytes(), &frame, &0.1_f32.to_le_bytes()].concat());
+    }
+
+    #[test]
+    fn halves_and_vectors_are_stored_number_by_number() {
+        let mut mask = [0; 8];
+        mask[0] = 0b101;
+        let mut values = [[9.0; 3]; 512];
+        (values[0], values[2]) = ([1.0, -0.0, 1e9], [0.1, 2049.0, -6e-8]);
+        let encoder = Encoder::new(Compression::Zip);
+        let stored = |encoder: Encoder| {
+            let mut out = vec![];
+            encoder.encode_leaf(&mask, &values, &mut out);
+            out.split_off(64)
+        };
+        let full = [1.0, -0.0, 1e9, 0.1, 2049.0, -6e-8];
+        assert_eq!(stored(encoder), [&[0][..], &(-24_i64).to_le_bytes(), &bytes_of(&full)].concat());
+        let halves: [u16; 6] = [0x3c00, 0x8000, 0x7bff, 0x2e66, 0x6800, 0x8001];
+        let halves: Vec<u8> = halves.iter().flat_map(|half| half.to_le_bytes()).collect();
+        let half = encoder.with_precision(Precision::F16);
+        assert_eq!(stored(half), [&[0][..], &(-12_i64).to_le_bytes(), &halves].concat());
+        let plain = Encoder::new(Compression::None).with_precision(Precision::F16);
+        assert_eq!(stored(plain)[..7], [&[6], &halves[..6]].concat());
+        assert_eq!((stored(plain).len(), &stored(plain)[7..13]), (1 + 6 * 512, &[0; 6][..]));
     }
 
     #[test]

@@ -1,14 +1,15 @@
-//! The file around the trees: header, grid descriptors with exact offsets, metadata, transform.
+//! The file around the trees: header, and grid descriptors with exact offsets.
 
 use std::io::{self, BufWriter, Write};
 
 use uuid::Uuid;
 
-use super::codec::{Encoder, flags_text};
-use super::meta::{Meta, Metadata, put_metadata, put_str};
+use super::codec::Encoder;
+use super::grid::{GridHeader, grid_head, type_name};
+use super::meta::{Metadata, put_metadata, put_str};
 use super::topology::Topology;
+use super::voxel::Voxel;
 use super::{LIBRARY, MAGIC, NAME_SUFFIX, VERSION};
-use crate::volume::Stats;
 
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -67,19 +68,6 @@ pub struct FileHeader {
     pub metadata: Metadata,
 }
 
-/// What a grid says of itself.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GridHeader {
-    /// Unique in the file.
-    pub name: String,
-    /// Edge of a voxel in metres, above 0.
-    pub voxel_size: f64,
-    /// World position in metres of the voxel with index (0, 0, 0): of its sample, which is its centre.
-    pub translation: [f64; 3],
-    /// Entries besides those the writer adds: `name`, `class`, `is_saved_as_half_float` and all that begin with `file_`.
-    pub metadata: Metadata,
-}
-
 /// Writes a file from front to back; offsets are known before the bytes they point over.
 pub struct FileWriter<W: Write> {
     out: Counted<BufWriter<W>>,
@@ -113,10 +101,10 @@ impl<W: Write> FileWriter<W> {
     ///
     /// # Errors
     /// All but the two about bricks. After an error the file is of no use.
-    pub fn grid<B: AsRef<[u8]>>(
+    pub fn grid<T: Voxel, B: AsRef<[u8]>>(
         &mut self,
         header: &GridHeader,
-        topology: &Topology,
+        topology: &Topology<T>,
         encoder: Encoder,
         buffer_bytes: u64,
         buffers: impl IntoIterator<Item = B>,
@@ -131,13 +119,13 @@ impl<W: Write> FileWriter<W> {
         self.names.push(name.clone());
 
         let nodes = topology.nodes();
-        let head = grid_head(header, encoder, &nodes.stats())?;
+        let head = grid_head::<T>(header, encoder, &nodes.stats())?;
         let mut measured = Counted { inner: io::sink(), bytes: 0 };
         nodes.write(encoder, &mut measured)?;
 
         let mut descriptor = vec![];
         put_str(&mut descriptor, name)?;
-        put_str(&mut descriptor, "Tree_float_5_4_3")?;
+        put_str(&mut descriptor, &type_name::<T>(encoder))?;
         put_str(&mut descriptor, "")?;
         let mut position = self.out.bytes + descriptor.len() as u64 + 3 * 8;
         for length in [0, head.len() as u64 + measured.bytes, buffer_bytes] {
@@ -175,54 +163,6 @@ impl<W: Write> FileWriter<W> {
     }
 }
 
-/// Compression flags, metadata and transform.
-fn grid_head(header: &GridHeader, encoder: Encoder, stats: &Stats) -> Result<Vec<u8>, VdbWriteError> {
-    let too_large = |_| VdbWriteError::TooLarge("the grid");
-    // OpenVDB writes an empty grid's bounds inside out, too.
-    let [low, high] = stats.bounds.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
-    let flags = encoder.compression().flags();
-    let own = [
-        ("name", Meta::String(header.name.clone())),
-        ("class", Meta::from("fog volume")),
-        ("is_saved_as_half_float", Meta::Bool(false)),
-        ("file_bbox_min", Meta::Vec3i(low)),
-        ("file_bbox_max", Meta::Vec3i(high)),
-        ("file_compression", Meta::String(flags_text(flags))),
-        ("file_mem_bytes", Meta::Int64(i64::try_from(stats.memory_bytes).map_err(too_large)?)),
-        ("file_voxel_count", Meta::Int64(i64::try_from(stats.active_voxels).map_err(too_large)?)),
-    ];
-    let mut metadata = header.metadata.clone();
-    if let Some(name) = metadata.keys().find(|name| name.starts_with("file_")) {
-        return Err(VdbWriteError::Metadata(name.clone()));
-    }
-    for (name, value) in own {
-        if metadata.insert(name.to_owned(), value).is_some() {
-            return Err(VdbWriteError::Metadata(name.to_owned()));
-        }
-    }
-    let mut head = flags.to_le_bytes().to_vec();
-    put_metadata(&mut head, &metadata)?;
-    put_transform(&mut head, header.voxel_size, header.translation)?;
-    Ok(head)
-}
-
-/// Appends the map `world = voxel_size * index + translation` with the derived vectors that readers take as they are.
-fn put_transform(out: &mut Vec<u8>, voxel_size: f64, translation: [f64; 3]) -> Result<(), VdbWriteError> {
-    let inverse = 1.0 / voxel_size;
-    let derived = [voxel_size, voxel_size.abs(), inverse, inverse * inverse, inverse / 2.0];
-    // A normal inverse square excludes sizes whose map could not be inverted: 0, subnormal, infinite, NaN.
-    let usable = voxel_size > 0.0 && derived.iter().all(|value| value.is_normal());
-    if !usable || translation.iter().any(|c| !c.is_finite()) {
-        return Err(VdbWriteError::Transform { voxel_size, translation });
-    }
-    put_str(out, "UniformScaleTranslateMap")?;
-    out.extend(translation.iter().flat_map(|c| c.to_le_bytes()));
-    for value in derived {
-        out.extend([value; 3].iter().flat_map(|c| c.to_le_bytes()));
-    }
-    Ok(())
-}
-
 /// Counts what passes through.
 struct Counted<W> {
     inner: W,
@@ -243,7 +183,7 @@ impl<W: Write> Write for Counted<W> {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{ALL, bricks, build, file, file_header, grid_header};
-    use super::super::{Compression, VdbGridBuilder, write};
+    use super::super::{Compression, Meta, VdbGridBuilder, WriteGrid, write};
     use super::*;
 
     fn i64_at(bytes: &[u8], at: usize) -> usize {
@@ -309,14 +249,23 @@ mod tests {
         }
         let header = GridHeader { translation: [0.0, f64::NAN, 0.0], ..grid_header("a") };
         assert!(matches!(fails(header), Some(VdbWriteError::Transform { .. })));
-        for name in ["", "class", "name", "is_saved_as_half_float", "file_voxel_count", "file_delayed_load"] {
+        for name in [
+            "",
+            "class",
+            "name",
+            "vector_type",
+            "is_saved_as_half_float",
+            "file_voxel_count",
+            "file_delayed_load",
+        ] {
             let mut header = grid_header("a");
             header.metadata.insert(name.to_owned(), Meta::Bool(true));
             assert!(matches!(fails(header), Some(VdbWriteError::Metadata(n)) if n == name));
         }
         assert!(matches!(fails(grid_header("")), Some(VdbWriteError::GridName(_))));
         assert!(matches!(fails(grid_header("a\u{1e}0")), Some(VdbWriteError::GridName(_))));
-        let twice = [(&grid_header("a"), &grid), (&grid_header("a"), &grid)];
+        let twice: [(&GridHeader, &dyn WriteGrid); 2] =
+            [(&grid_header("a"), &grid), (&grid_header("a"), &grid)];
         assert!(matches!(write(io::sink(), &file_header(), &twice), Err(VdbWriteError::GridName(_))));
     }
 
@@ -326,9 +275,9 @@ mod tests {
         let start = || FileWriter::new(io::sink(), &file_header(), 1).expect("header");
         assert!(matches!(start().finish(), Err(VdbWriteError::GridCount)));
         let mut writer = start();
-        let short = writer.grid(&grid_header("a"), &Topology::default(), encoder, 5, [[1, 2], [3, 4]]);
+        let short = writer.grid(&grid_header("a"), &Topology::<f32>::default(), encoder, 5, [[1, 2], [3, 4]]);
         assert!(matches!(short, Err(VdbWriteError::BufferLength { expected: 5, found: 4 })));
-        let more = writer.grid(&grid_header("b"), &Topology::default(), encoder, 0, [[]; 0]);
+        let more = writer.grid(&grid_header("b"), &Topology::<f32>::default(), encoder, 0, [[]; 0]);
         assert!(matches!(more, Err(VdbWriteError::GridCount)));
     }
 
@@ -352,7 +301,7 @@ mod tests {
         let mut beginning = Beginning(vec![]);
         let mut writer = FileWriter::new(&mut beginning, &file_header(), 1).expect("header");
         let buffers = std::iter::repeat_n(&piece, pieces);
-        writer.grid(&grid_header("a"), &Topology::default(), encoder, length, buffers).expect("grid");
+        writer.grid(&grid_header("a"), &Topology::<f32>::default(), encoder, length, buffers).expect("grid");
         let total = writer.finish().expect("complete");
         let offsets = file(&[]).len() + 5 + 20 + 4;
         let [buffers, end] = [8, 16].map(|at| i64_at(&beginning.0, offsets + at) as u64);

@@ -22,12 +22,28 @@ pub enum Meta {
     Float(f32),
     /// `double`.
     Double(f64),
+    /// `vec2i`.
+    Vec2i([i32; 2]),
+    /// `vec2s`.
+    Vec2s([f32; 2]),
+    /// `vec2d`.
+    Vec2d([f64; 2]),
     /// `vec3i`.
     Vec3i([i32; 3]),
     /// `vec3s`.
     Vec3s([f32; 3]),
     /// `vec3d`.
     Vec3d([f64; 3]),
+    /// `vec4i`.
+    Vec4i([i32; 4]),
+    /// `vec4s`.
+    Vec4s([f32; 4]),
+    /// `vec4d`.
+    Vec4d([f64; 4]),
+    /// `mat4s`, by rows, which OpenVDB multiplies row vectors with.
+    Mat4s([[f32; 4]; 4]),
+    /// `mat4d`, likewise.
+    Mat4d([[f64; 4]; 4]),
     /// Any other type: its name and its bytes as stored.
     Other {
         /// The type's name in the file.
@@ -59,9 +75,17 @@ impl Meta {
             Self::Int64(_) => "int64",
             Self::Float(_) => "float",
             Self::Double(_) => "double",
+            Self::Vec2i(_) => "vec2i",
+            Self::Vec2s(_) => "vec2s",
+            Self::Vec2d(_) => "vec2d",
             Self::Vec3i(_) => "vec3i",
             Self::Vec3s(_) => "vec3s",
             Self::Vec3d(_) => "vec3d",
+            Self::Vec4i(_) => "vec4i",
+            Self::Vec4s(_) => "vec4s",
+            Self::Vec4d(_) => "vec4d",
+            Self::Mat4s(_) => "mat4s",
+            Self::Mat4d(_) => "mat4d",
             Self::Other { type_name, .. } => type_name,
         }
     }
@@ -74,9 +98,17 @@ impl Meta {
             Self::Int64(value) => value.to_le_bytes().to_vec(),
             Self::Float(value) => value.to_le_bytes().to_vec(),
             Self::Double(value) => value.to_le_bytes().to_vec(),
-            Self::Vec3i(value) => value.iter().flat_map(|c| c.to_le_bytes()).collect(),
-            Self::Vec3s(value) => value.iter().flat_map(|c| c.to_le_bytes()).collect(),
-            Self::Vec3d(value) => value.iter().flat_map(|c| c.to_le_bytes()).collect(),
+            Self::Vec2i(value) => joined(value, i32::to_le_bytes),
+            Self::Vec2s(value) => joined(value, f32::to_le_bytes),
+            Self::Vec2d(value) => joined(value, f64::to_le_bytes),
+            Self::Vec3i(value) => joined(value, i32::to_le_bytes),
+            Self::Vec3s(value) => joined(value, f32::to_le_bytes),
+            Self::Vec3d(value) => joined(value, f64::to_le_bytes),
+            Self::Vec4i(value) => joined(value, i32::to_le_bytes),
+            Self::Vec4s(value) => joined(value, f32::to_le_bytes),
+            Self::Vec4d(value) => joined(value, f64::to_le_bytes),
+            Self::Mat4s(value) => joined(value.as_flattened(), f32::to_le_bytes),
+            Self::Mat4d(value) => joined(value.as_flattened(), f64::to_le_bytes),
             Self::Other { bytes, .. } => bytes.clone(),
         }
     }
@@ -90,12 +122,28 @@ impl Meta {
             "int64" => Self::Int64(i64::from_le_bytes(bytes.try_into().ok()?)),
             "float" => Self::Float(f32::from_le_bytes(bytes.try_into().ok()?)),
             "double" => Self::Double(f64::from_le_bytes(bytes.try_into().ok()?)),
+            "vec2i" => Self::Vec2i(array(bytes, i32::from_le_bytes)?),
+            "vec2s" => Self::Vec2s(array(bytes, f32::from_le_bytes)?),
+            "vec2d" => Self::Vec2d(array(bytes, f64::from_le_bytes)?),
             "vec3i" => Self::Vec3i(array(bytes, i32::from_le_bytes)?),
             "vec3s" => Self::Vec3s(array(bytes, f32::from_le_bytes)?),
             "vec3d" => Self::Vec3d(array(bytes, f64::from_le_bytes)?),
+            "vec4i" => Self::Vec4i(array(bytes, i32::from_le_bytes)?),
+            "vec4s" => Self::Vec4s(array(bytes, f32::from_le_bytes)?),
+            "vec4d" => Self::Vec4d(array(bytes, f64::from_le_bytes)?),
+            "mat4s" => Self::Mat4s(rows(array(bytes, f32::from_le_bytes)?)?),
+            "mat4d" => Self::Mat4d(rows(array(bytes, f64::from_le_bytes)?)?),
             _ => Self::Other { type_name: type_name.to_owned(), bytes: bytes.to_vec() },
         })
     }
+}
+
+fn joined<T: Copy, const B: usize>(numbers: &[T], bytes: impl Fn(T) -> [u8; B]) -> Vec<u8> {
+    numbers.iter().flat_map(|number| bytes(*number)).collect()
+}
+
+fn rows<T: Copy>(numbers: [T; 16]) -> Option<[[T; 4]; 4]> {
+    numbers.as_chunks().0.try_into().ok()
 }
 
 /// `N` little-endian numbers of `B` bytes that fill `bytes` exactly.

@@ -8,12 +8,15 @@
 //! 3. [`write()`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same
 //!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
-//! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`]; [`read_info`] lists only.
+//! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`], or a [`Part`] of it as a
+//! [`PartialTree`]; [`read_info`] lists only.
 //!
 //! # What is written
 //!
-//! Version 224 with offsets; float values, background 0, class fog volume. The value with index (i, j, k) belongs to the
-//! world point `voxel_size * (i, j, k) + translation`. A brick that is active throughout with one value becomes a tile;
+//! Version 224 with offsets; grids of numbers (`float`) and of vectors of three (`vec3s`), any mix of them, each in full or
+//! as binary16 ([`Precision`]), under names of their own; background 0. The value with index (i, j, k) belongs to the
+//! world point `voxel_size * (i, j, k) + translation`, always by a `UniformScaleTranslateMap`, one of the few maps that
+//! simple readers know. A brick that is active throughout with one value becomes a tile;
 //! so do nodes made of such bricks only. Root entries are sorted by signed (x, y, z), entries of nodes by offset, because
 //! simple readers attach leaf buffers in that order. With compression, inactive voxels are not stored, and nodes without
 //! an active entry of their own store all entries: readers disagree about the shorter form.
@@ -21,25 +24,32 @@
 
 mod bound;
 mod builder;
+mod chunk;
 mod codec;
 mod file;
+mod grid;
 mod meta;
 mod read;
 mod sink;
 mod topology;
+mod voxel;
 
 #[cfg(test)]
 mod tests;
 
 pub use bound::GridBound;
-pub use builder::{EncodedBricks, VdbGridBuilder, write};
+pub use builder::{EncodedBricks, VdbGridBuilder, WriteGrid, write};
 pub use codec::{Compression, Encoder};
-pub use file::{FileHeader, FileWriter, GridHeader, VdbWriteError};
+pub use file::{FileHeader, FileWriter, VdbWriteError};
+pub use grid::{GridClass, GridHeader, VectorType};
 pub use meta::{Meta, Metadata};
-pub use read::{AnyTree, FileInfo, Grid, GridInfo, Map, VdbFile, VdbReadError, read_info};
+pub use read::{
+    AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Map, PartialGrid, VdbFile, VdbReadError, read_info,
+};
 pub use topology::{Topology, file_order};
+pub use voxel::Voxel;
 
-pub use crate::volume::{Leaf, LeafView, Stats, Tile, Tree, Value};
+pub use crate::volume::{Leaf, LeafView, NotRead, Part, PartialTree, Precision, Stats, Tile, Tree, Value};
 
 /// First eight bytes of a file, as a little-endian number.
 const MAGIC: i64 = 0x5644_4220;

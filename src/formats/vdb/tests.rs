@@ -11,8 +11,15 @@ use super::*;
 
 pub(super) const ALL: [Compression; 3] = [Compression::None, Compression::Zip, Compression::Blosc];
 
+/// All ways to encode.
+pub(super) const ENCODERS: [Encoder; 6] = {
+    let [a, b, c] = [Encoder::new(ALL[0]), Encoder::new(ALL[1]), Encoder::new(ALL[2])];
+    let half = Precision::F16;
+    [a, b, c, a.with_precision(half), b.with_precision(half), c.with_precision(half)]
+};
+
 /// A brick to encode: origin, mask, values.
-pub(super) type Brick = ([i32; 3], [u64; 8], [f32; 512]);
+pub(super) type Brick<T = f32> = ([i32; 3], [u64; 8], [T; 512]);
 
 /// splitmix64 (Steele, Lea, Flood 2014).
 pub(super) fn random(state: &mut u64) -> u64 {
@@ -72,14 +79,23 @@ pub(super) fn bricks() -> Vec<Brick> {
     bricks
 }
 
+/// The bricks with vectors in place of numbers, no two components alike.
+pub(super) fn vectors(bricks: &[Brick]) -> Vec<Brick<[f32; 3]>> {
+    bricks.iter().map(|(origin, mask, values)| (*origin, *mask, values.map(|x| [x, -3.0 * x, 0.1]))).collect()
+}
+
 pub(super) fn build(compression: Compression, bricks: &[Brick]) -> VdbGridBuilder {
-    let mut grid = VdbGridBuilder::new(compression);
+    build_with(Encoder::new(compression), bricks)
+}
+
+pub(super) fn build_with<T: Voxel>(encoder: Encoder, bricks: &[Brick<T>]) -> VdbGridBuilder<T> {
+    let mut grid = VdbGridBuilder::with_encoder(encoder);
     let run = encode(grid.encoder(), bricks);
     grid.append(&run).expect("bricks are sorted");
     grid
 }
 
-fn encode(encoder: Encoder, bricks: &[Brick]) -> EncodedBricks {
+fn encode<T: Voxel>(encoder: Encoder, bricks: &[Brick<T>]) -> EncodedBricks<T> {
     let mut run = EncodedBricks::default();
     for (origin, mask, values) in bricks {
         run.push(encoder, *origin, mask, values);
@@ -94,10 +110,17 @@ pub(super) fn file_header() -> FileHeader {
 
 pub(super) fn grid_header(name: &str) -> GridHeader {
     let metadata = Metadata::from([("content_hash".into(), "abc".into())]);
-    GridHeader { name: name.to_owned(), voxel_size: 0.1, translation: [1.0, -2.0, 0.05], metadata }
+    GridHeader {
+        name: name.to_owned(),
+        class: GridClass::FogVolume,
+        vector_type: VectorType::ContravariantRelative,
+        voxel_size: 0.1,
+        translation: [1.0, -2.0, 0.05],
+        metadata,
+    }
 }
 
-pub(super) fn file(grids: &[(&GridHeader, &VdbGridBuilder)]) -> Vec<u8> {
+pub(super) fn file(grids: &[(&GridHeader, &dyn WriteGrid)]) -> Vec<u8> {
     let mut bytes = vec![];
     let length = write(&mut bytes, &file_header(), grids).expect("valid grids");
     assert_eq!(length, bytes.len() as u64);

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::codec::Encoder;
 use super::file::VdbWriteError;
+use super::voxel::Voxel;
 use crate::volume::shape::{LOG2_EDGE, active_box, align, grow, last_voxel};
 use crate::volume::{Leaf, Stats, Tile};
 
@@ -26,14 +27,20 @@ pub fn file_order(origin: [i32; 3]) -> u128 {
 }
 
 /// Leaves and tiles in file order.
-#[derive(Debug, Clone, Default)]
-pub struct Topology {
+#[derive(Debug, Clone)]
+pub struct Topology<T = f32> {
     leaves: Vec<Leaf>,
-    tiles: Vec<Tile>,
+    tiles: Vec<Tile<T>>,
     last: Option<u128>,
 }
 
-impl Topology {
+impl<T> Default for Topology<T> {
+    fn default() -> Self {
+        Self { leaves: vec![], tiles: vec![], last: None }
+    }
+}
+
+impl<T: Voxel> Topology<T> {
     /// Adds a leaf behind all leaves and tiles added so far.
     ///
     /// # Errors
@@ -50,7 +57,7 @@ impl Topology {
     ///
     /// # Errors
     /// As [`Topology::push_leaf`]; an edge that no tile has counts as misaligned.
-    pub fn push_tile(&mut self, tile: Tile) -> Result<(), VdbWriteError> {
+    pub fn push_tile(&mut self, tile: Tile<T>) -> Result<(), VdbWriteError> {
         if !LOG2_EDGE.contains(&tile.log2_edge) {
             return Err(VdbWriteError::Misaligned { origin: tile.origin });
         }
@@ -59,10 +66,10 @@ impl Topology {
         for [child, parent] in [[LOG2_EDGE[0], LOG2_EDGE[1]], [LOG2_EDGE[1], LOG2_EDGE[2]]] {
             let Some(first) = self.tiles.len().checked_sub(1 << (3 * (parent - child))) else { break };
             let origin = align(tile.origin, parent);
-            let alike = |other: &Tile| {
+            let alike = |other: &Tile<T>| {
                 other.log2_edge == child
                     && align(other.origin, parent) == origin
-                    && other.value.to_bits() == tile.value.to_bits()
+                    && other.value.same(tile.value)
             };
             // As many different tiles as the node has entries, all inside it. From the front, because only a full
             // node passes the first comparison.
@@ -91,7 +98,7 @@ impl Topology {
     }
 
     /// Groups leaves and tiles into nodes.
-    pub(super) fn nodes(&self) -> Nodes<'_> {
+    pub(super) fn nodes(&self) -> Nodes<'_, T> {
         let mut nodes = Nodes { leaves: &self.leaves, tiles: &self.tiles, lowers: vec![], uppers: vec![] };
         let (mut leaf, mut tile) = (0, 0);
         while let Some((origin, log2_edge)) = first_in_file(self.leaves.get(leaf), self.tiles.get(tile)) {
@@ -125,7 +132,7 @@ impl Topology {
 }
 
 /// The origin and edge of what comes first in a file.
-fn first_in_file(leaf: Option<&Leaf>, tile: Option<&Tile>) -> Option<([i32; 3], u32)> {
+fn first_in_file<T>(leaf: Option<&Leaf>, tile: Option<&Tile<T>>) -> Option<([i32; 3], u32)> {
     let leaf = leaf.map(|leaf| (leaf.origin, LOG2_EDGE[0]));
     let tile = tile.map(|tile| (tile.origin, tile.log2_edge));
     leaf.into_iter().chain(tile).min_by_key(|(origin, _)| file_order(*origin))
@@ -145,19 +152,19 @@ struct Upper {
 }
 
 /// The tree above leaves and tiles, sorted as a file has it.
-pub(super) struct Nodes<'a> {
+pub(super) struct Nodes<'a, T> {
     leaves: &'a [Leaf],
-    tiles: &'a [Tile],
+    tiles: &'a [Tile<T>],
     lowers: Vec<Lower>,
     uppers: Vec<Upper>,
 }
 
 /// The tiles of this edge.
-fn of_edge(tiles: &[Tile], log2_edge: u32) -> impl Iterator<Item = &Tile> {
+fn of_edge<T>(tiles: &[Tile<T>], log2_edge: u32) -> impl Iterator<Item = &Tile<T>> {
     tiles.iter().filter(move |tile| tile.log2_edge == log2_edge)
 }
 
-impl Nodes<'_> {
+impl<T: Voxel> Nodes<'_, T> {
     pub(super) fn stats(&self) -> Stats {
         let mut stats = Stats {
             leaves: self.leaves.len() as u64,
@@ -168,10 +175,12 @@ impl Nodes<'_> {
             bounds: None,
             memory_bytes: 0,
         };
-        // 8 bytes an entry and two masks in a node; 4 bytes a voxel and one mask in a leaf.
-        stats.memory_bytes = stats.upper_nodes * (32768 * 8 + 8192)
-            + stats.lower_nodes * (4096 * 8 + 1024)
-            + stats.leaves * (512 * 4 + 64);
+        // A value or a pointer an entry and two masks in a node; a value a voxel and one mask in a leaf.
+        let value = size_of::<T>() as u64;
+        let entry = value.max(8);
+        stats.memory_bytes = stats.upper_nodes * (32768 * entry + 8192)
+            + stats.lower_nodes * (4096 * entry + 1024)
+            + stats.leaves * (512 * value + 64);
         let mut bounds = [[i32::MAX; 3], [i32::MIN; 3]];
         for tile in self.tiles {
             stats.active_voxels += 1 << (3 * tile.log2_edge);
@@ -191,15 +200,16 @@ impl Nodes<'_> {
     pub(super) fn write(&self, encoder: Encoder, out: &mut impl Write) -> Result<(), VdbWriteError> {
         let count = |len| u32::try_from(len).map_err(|_| VdbWriteError::TooLarge("the root node"));
         out.write_all(&1_u32.to_le_bytes())?;
-        out.write_all(&0_f32.to_le_bytes())?;
+        // Single values have their full width whatever the precision.
+        write_value(out, T::ZERO)?;
         out.write_all(&count(of_edge(self.tiles, LOG2_EDGE[2]).count())?.to_le_bytes())?;
         out.write_all(&count(self.uppers.len())?.to_le_bytes())?;
         for tile in of_edge(self.tiles, LOG2_EDGE[2]) {
             write_origin(out, tile.origin)?;
-            out.write_all(&tile.value.to_le_bytes())?;
+            write_value(out, encoder.round(tile.value))?;
             out.write_all(&[1])?;
         }
-        let mut node = Node::default();
+        let mut node = Node { children: vec![], active: vec![], values: vec![], block: vec![] };
         for upper in &self.uppers {
             let lowers = &self.lowers[upper.lowers.clone()];
             write_origin(out, upper.origin)?;
@@ -223,21 +233,20 @@ impl Nodes<'_> {
 }
 
 /// Entries of one internal node.
-#[derive(Default)]
-struct Node {
+struct Node<T> {
     children: Vec<u64>,
     active: Vec<u64>,
-    values: Vec<f32>,
+    values: Vec<T>,
     block: Vec<u8>,
 }
 
-impl Node {
+impl<T: Voxel> Node<T> {
     /// Replaces the entries by those of a lower (`level` 1) or upper (2) node with these children and tiles.
     fn set<'a>(
         &mut self,
         level: usize,
         children: impl Iterator<Item = [i32; 3]>,
-        tiles: impl Iterator<Item = &'a Tile>,
+        tiles: impl Iterator<Item = &'a Tile<T>>,
     ) {
         let child_log2 = LOG2_EDGE[level - 1];
         let log2 = LOG2_EDGE[level] - child_log2;
@@ -247,7 +256,7 @@ impl Node {
             mask.resize(entries / 64, 0);
         }
         self.values.clear();
-        self.values.resize(entries, 0.0);
+        self.values.resize(entries, T::ZERO);
         let offset = |origin: [i32; 3]| {
             origin.iter().fold(0, |at, c| {
                 (at << log2) | ((c >> child_log2) & ((1 << log2) - 1)).cast_unsigned() as usize
@@ -271,6 +280,11 @@ impl Node {
         encoder.encode_block(&self.active, &self.values, &mut self.block);
         out.write_all(&self.block)
     }
+}
+
+fn write_value<T: Voxel>(out: &mut impl Write, mut value: T) -> io::Result<()> {
+    let numbers = T::numbers_mut(std::slice::from_mut(&mut value));
+    numbers.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()))
 }
 
 fn write_origin(out: &mut impl Write, origin: [i32; 3]) -> io::Result<()> {
@@ -315,7 +329,7 @@ mod tests {
 
     #[test]
     fn order_and_alignment_are_checked() {
-        let mut topology = Topology::default();
+        let mut topology = Topology::<f32>::default();
         topology.push_leaf(leaf([-8, 0, 0])).expect("first");
         let order = |result| matches!(result, Err(VdbWriteError::Order { .. }));
         let misaligned = |result| matches!(result, Err(VdbWriteError::Misaligned { .. }));
@@ -343,7 +357,7 @@ mod tests {
 
     #[test]
     fn bounds_reach_the_ends_of_the_lattice() {
-        let mut topology = Topology::default();
+        let mut topology = Topology::<f32>::default();
         topology.push_leaf(Leaf { origin: [i32::MIN; 3], mask: [1, 0, 0, 0, 0, 0, 0, 0] }).expect("first");
         let mask = [0, 0, 0, 0, 0, 0, 0, 1 << 63];
         topology.push_leaf(Leaf { origin: [i32::MAX - 7; 3], mask }).expect("last");

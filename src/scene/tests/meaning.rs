@@ -1,8 +1,8 @@
 //! What valid texts mean.
 
 use crate::curve::{FrameRule, Profile};
-use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ROOT, SECTIONS};
-use crate::scene::{Camera, Caps, Fbm, Light, Op, Pattern, Radial, Scene, Step, TimeBase};
+use crate::scene::keys::{CURVE, ENVELOPE, LAYER, ORBIT, RADIUS, REST, ROOT, SECTIONS, TRACK};
+use crate::scene::{Camera, Caps, Conserve, Fbm, Light, Op, Overlap, Pattern, Radial, Scene, Step, TimeBase};
 
 const SKETCH: &str = r#"
 name = "tornado"
@@ -14,6 +14,7 @@ grids = ["density"]
 [time]                                  # frame `start` is t = 0
 fps = 24
 start = 1
+end = 240                               # the last frame, where there is one
 
 [[tube]]
 name = "funnel"
@@ -64,7 +65,7 @@ fn sketch_of_every_key() {
     let scene = scene(SKETCH);
     assert_eq!(scene.name(), "tornado");
     assert_eq!(scene.bake().step, Step::Resolution(256));
-    assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1 });
+    assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1, end: Some(240) });
     assert_eq!(scene.text(), SKETCH);
     let [tube] = scene.tubes() else { panic!("one tube") };
     assert_eq!(tube.name, "funnel");
@@ -84,7 +85,7 @@ fn sketch_of_every_key() {
         gain: 0.5,
         normalise: false,
         seed: 0,
-        scroll: [0.0, 0.0, -0.3],
+        scrolled: [0.0; 3],
     };
     assert_eq!(layer.pattern, Pattern::Perlin(fbm));
     assert_eq!(
@@ -111,7 +112,33 @@ fn empty_text_is_an_empty_scene_named_after_its_file() {
     assert!(scene.tubes().is_empty() && scene.lights().is_empty());
     assert_eq!(scene.bake().step, Step::Resolution(256));
     assert_eq!((scene.bake().cutoff, scene.bake().octave_fade), (0.0, true));
-    assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1 });
+    assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1, end: None });
+}
+
+#[test]
+fn words_for_overlap_and_conservation() {
+    for (word, rule) in [
+        ("max", Overlap::Max),
+        ("sum", Overlap::Sum),
+        ("closest", Overlap::Closest),
+        ("blend", Overlap::Blend),
+    ] {
+        assert_eq!(scene(&format!("overlap = \"{word}\"")).overlap(), rule);
+        assert_eq!(tube(&format!("overlap = \"{word}\"")).tubes()[0].overlap, rule);
+    }
+    for (word, conserve) in [("off", Conserve::Off), ("radius", Conserve::Radius), ("full", Conserve::Full)] {
+        assert_eq!(tube(&format!("conserve = \"{word}\"")).tubes()[0].conserve, conserve);
+    }
+    assert!(!scene("[bake]\nwiden = false").bake().widen && scene("[bake]").bake().widen);
+}
+
+#[test]
+fn the_rest_cylinder_is_as_large_as_the_tube_unless_told() {
+    // The mean square of a cone from 0 to 3 is 3.
+    let rest = tube("radius = [[0, 0], [1, 3]]").tubes()[0].rest;
+    assert!((rest.radius - 3.0_f64.sqrt()).abs() < 1e-15 && rest.length == 2.0);
+    let rest = tube("rest = { radius = 0.5 }").tubes()[0].rest;
+    assert_eq!((rest.radius, rest.length), (0.5, 2.0));
 }
 
 #[test]
@@ -135,7 +162,7 @@ fn layer_without_keys() {
     let Pattern::Perlin(fbm) = &layer.pattern else { panic!("perlin") };
     assert_eq!((layer.op, layer.threshold, layer.multiplier), (Op::Multiply, None, 1.0));
     assert_eq!((fbm.frequency, fbm.octaves, fbm.lacunarity, fbm.gain), ([2.0, 2.0, 3.0], 5, 2.0, 0.5));
-    assert_eq!((fbm.normalise, fbm.seed, fbm.scroll), (false, 0, [0.0; 3]));
+    assert_eq!((fbm.normalise, fbm.seed, fbm.scrolled), (false, 0, [0.0; 3]));
 }
 
 #[test]
@@ -184,9 +211,12 @@ fn every_listed_key_is_read() {
     for section in SECTIONS {
         for key in section.keys {
             let wrong = format!("{key} = 1979-05-27\n");
+            let inline = wrong.trim_end();
             let text = match section.name {
                 name if name == ROOT.name => wrong,
-                name if name == CURVE.name || name == ENVELOPE.name => {
+                name if name == TRACK.name => format!("[[tube]]\ntwist = {{ {inline} }}\n"),
+                name if name == ORBIT.name => format!("[[tube]]\ncurve = {{ points = [{{ {inline} }}] }}\n"),
+                name if [&CURVE, &RADIUS, &ENVELOPE, &REST].iter().any(|section| section.name == name) => {
                     format!("[[tube]]\n[tube.{name}]\n{wrong}")
                 }
                 name if name == LAYER.name => format!("[[tube]]\n{name}\n{wrong}"),

@@ -44,13 +44,14 @@ impl<T: Stored> Layout<T> {
         self.flags & (FLAG_ZIP | FLAG_BLOSC) != 0 && (stored > 0 || !self.half || T::HALF_SIZE.is_none())
     }
 
+    /// Whether all entries are stored, and as they are.
+    pub(super) fn is_plain(&self) -> bool {
+        self.flags & (FLAG_ACTIVE_MASK | FLAG_ZIP | FLAG_BLOSC) == 0
+    }
+
     /// Bytes of a block without an active entry, the shortest there is.
     pub(super) fn least(&self, entries: usize) -> usize {
-        if self.flags & FLAG_ACTIVE_MASK != 0 || self.flags & (FLAG_ZIP | FLAG_BLOSC) != 0 {
-            1
-        } else {
-            1 + entries * self.value_size()
-        }
+        if self.is_plain() { 1 + entries * self.value_size() } else { 1 }
     }
 
     /// The length of the block that begins with `bytes`.

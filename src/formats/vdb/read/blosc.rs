@@ -116,3 +116,81 @@ fn unshuffle(shuffled: &[u8], type_size: usize, out: &mut [u8]) {
     }
     tail.copy_from_slice(rest);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A frame of these bytes, stored in one stream that is not compressed.
+    fn frame(flags: u8, type_size: u8, bytes: &[u8]) -> Vec<u8> {
+        let numbers = |numbers: &[usize]| -> Vec<u8> {
+            numbers.iter().flat_map(|n| u32::try_from(*n).expect("small").to_le_bytes()).collect()
+        };
+        let len = bytes.len();
+        let mut frame = vec![2, 1, flags, type_size];
+        frame.extend(numbers(&[len, len, len + 24, 20, len]));
+        frame.extend(bytes);
+        frame
+    }
+
+    fn decoded(frame: &[u8], len: usize) -> Result<Vec<u8>, Fault> {
+        let mut out = vec![0; len];
+        decode(frame, &mut vec![], &mut out).map(|()| out)
+    }
+
+    #[test]
+    fn codecs_that_are_not_read_are_named() {
+        let bytes: Vec<u8> = (0..64).collect();
+        assert_eq!(decoded(&frame(0x30, 4, &bytes), 64), Ok(bytes.clone()));
+        for (codec, name) in [(0, "BloscLZ"), (2, "Snappy"), (3, "zlib"), (4, "Zstandard")] {
+            let frame = frame(0x10 | codec << 5, 4, &bytes);
+            let Err(Fault::Unsupported(what)) = decoded(&frame, 64) else { panic!("{name} was read") };
+            assert_eq!(what, format!("Blosc with {name}"));
+            // Bytes that are stored as they are have no codec.
+            let mut stored = frame[..HEADER].to_vec();
+            stored[2] |= STORED;
+            stored.extend(&bytes);
+            stored[12] = 80;
+            assert_eq!(decoded(&stored, 64), Ok(bytes.clone()));
+        }
+        for codec in 5..8 {
+            assert_eq!(decoded(&frame(0x10 | codec << 5, 4, &bytes), 64), Err(CORRUPT));
+        }
+        assert_eq!(
+            decoded(&frame(0x30 | BIT_SHUFFLE, 4, &bytes), 64),
+            Err(Fault::Unsupported("Blosc with bit shuffle"))
+        );
+        let mut other = frame(0x30, 4, &bytes);
+        other[0] = 3;
+        assert_eq!(decoded(&other, 64), Err(Fault::Unsupported("Blosc frame of another version")));
+    }
+
+    #[test]
+    fn bytes_of_values_come_together_again() {
+        // All first bytes, all second ones, and so on; a rest that is no value stays at the end.
+        for type_size in [2_u8, 4, 8, 12] {
+            let size = usize::from(type_size);
+            let values: Vec<u8> = (0..10 * type_size + 1).collect();
+            let mut shuffled: Vec<u8> =
+                (0..size).flat_map(|byte| values.iter().skip(byte).step_by(size).take(10)).copied().collect();
+            shuffled.push(10 * type_size);
+            assert_eq!(decoded(&frame(0x31, type_size, &shuffled), values.len()), Ok(values));
+        }
+    }
+
+    #[test]
+    fn lengths_that_do_not_fit_are_refused() {
+        let bytes = [7; 64];
+        let good = frame(0x30, 4, &bytes);
+        for len in 0..good.len() {
+            assert!(decoded(&good[..len], 64).is_err());
+        }
+        assert!(decoded(&good, 63).is_err() && decoded(&good, 65).is_err());
+        // Length, block length, frame length, offset and stream length, each of them too large or none.
+        for (at, value) in [(4, 0), (7, 1), (8, 0), (15, 1), (19, 1), (20, 63), (23, 1)] {
+            let mut bad = good.clone();
+            bad[at] = value;
+            assert!(decoded(&bad, 64).is_err(), "{at}");
+        }
+    }
+}

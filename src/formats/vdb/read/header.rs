@@ -264,7 +264,15 @@ mod tests {
             ("g".into(), Meta::Vec3i([1, -2, 3])),
             ("h".into(), Meta::Vec3s([0.1, 0.2, 0.3])),
             ("i".into(), Meta::Vec3d([0.1, 0.2, 0.3])),
-            ("j".into(), Meta::Other { type_name: "mat4d".into(), bytes: vec![7; 128] }),
+            ("j".into(), Meta::Vec2i([1, -2])),
+            ("k".into(), Meta::Vec2s([0.1, -0.2])),
+            ("l".into(), Meta::Vec2d([0.1, -0.2])),
+            ("m".into(), Meta::Vec4i([1, -2, 3, i32::MIN])),
+            ("n".into(), Meta::Vec4s([0.1, 0.2, 0.3, -0.4])),
+            ("o".into(), Meta::Vec4d([0.1, 0.2, 0.3, -0.4])),
+            ("p".into(), Meta::Mat4s([[1.0, 2.0, 3.0, 4.0], [0.1; 4], [0.2; 4], [-0.3; 4]])),
+            ("q".into(), Meta::Mat4d([[1.0, 2.0, 3.0, 4.0], [0.1; 4], [0.2; 4], [-0.3; 4]])),
+            ("r".into(), Meta::Other { type_name: "half".into(), bytes: vec![7; 2] }),
         ]);
         let mut bytes = vec![];
         let header = FileHeader { metadata: metadata.clone(), ..file_header() };

@@ -1,5 +1,6 @@
 //! Leaf buffers: read from front to back, because nothing but their own sizes tells where they are, and decoded on all
-//! threads.
+//! threads. Where all have one size, those that are not asked for are jumped over. Others are read, to find the next, but
+//! not decoded: they are mostly smaller than what a disk gives at once, so to jump from each to the next would be slower.
 
 use std::io::{Read, Seek};
 
@@ -15,11 +16,15 @@ use crate::volume::tree::{PAGE, Page};
 /// Bytes that are read before they are decoded; what is decoded is then still in the processor's caches.
 const BATCH: usize = 4 << 20;
 const MASK: usize = 64;
+/// Stands for a leaf that was not read; no tree has so many.
+const ABSENT: u32 = u32::MAX;
 
 /// How the buffers of a grid's leaves are stored.
 pub(super) trait Buffers<T>: Sync {
     /// Bytes of the shortest buffer there can be.
     fn least(&self) -> usize;
+    /// The length of every buffer, where all are equally long.
+    fn fixed(&self) -> Option<usize>;
     /// The length of the buffer that begins with `bytes`.
     fn measure(&self, bytes: &[u8], leaf: &Leaf) -> Result<Length, Fault>;
     /// The values in a buffer.
@@ -35,6 +40,10 @@ pub(super) trait Buffers<T>: Sync {
 impl<T: Stored> Buffers<T> for Layout<T> {
     fn least(&self) -> usize {
         MASK + Layout::least(self, 512)
+    }
+
+    fn fixed(&self) -> Option<usize> {
+        self.is_plain().then(|| Buffers::least(self))
     }
 
     fn measure(&self, bytes: &[u8], leaf: &Leaf) -> Result<Length, Fault> {
@@ -65,6 +74,10 @@ pub(super) struct Bits;
 impl Buffers<bool> for Bits {
     fn least(&self) -> usize {
         MASK + 12 + 64
+    }
+
+    fn fixed(&self) -> Option<usize> {
+        Some(self.least())
     }
 
     fn measure(&self, _: &[u8], _: &Leaf) -> Result<Length, Fault> {
@@ -105,31 +118,85 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
 ) -> Result<Vec<Page<T>>, VdbReadError> {
     let mut pages = vec![];
     walk(cursor, buffers, leaves, |batch| {
-        let decoded: Result<Vec<Page<T>>, VdbReadError> = batch
-            .leaves
-            .par_chunks(PAGE)
-            .zip(batch.ends.par_chunks(PAGE))
-            .enumerate()
-            .map_init(Scratch::default, |scratch, (number, (leaves, ends))| {
-                let mut page = Vec::new();
-                page.try_reserve_exact(leaves.len())
-                    .map_err(|_| std::io::Error::from(std::io::ErrorKind::OutOfMemory))?;
-                page.resize(leaves.len(), [T::ZERO; 512]);
-                let before = (number * PAGE).checked_sub(1).and_then(|at| batch.ends.get(at));
-                let mut start = before.copied().unwrap_or(0);
-                for ((leaf, end), out) in leaves.iter().zip(ends).zip(&mut page) {
-                    let bytes = batch.bytes.get(start..*end).unwrap_or_default();
-                    let fault = |fault: Fault| fault.at(batch.offset + start as u64);
-                    buffers.decode(bytes, leaf, scratch, out).map_err(fault)?;
-                    start = *end;
-                }
-                Ok(page.into_boxed_slice())
-            })
-            .collect();
-        pages.extend(decoded?);
+        let all: Vec<usize> = (0..batch.leaves.len()).collect();
+        pages.extend(decode(buffers, &batch, &all)?);
         Ok(())
     })?;
     Ok(pages)
+}
+
+/// The values of some leaves, and for each leaf where in the pages they are.
+pub(super) type Selected<T> = (Vec<Page<T>>, Vec<u32>);
+
+/// Reads the values of those leaves that are `taken`.
+pub(super) fn read_some<T: Stored, R: Read + Seek>(
+    cursor: &mut Cursor<R>,
+    buffers: &impl Buffers<T>,
+    leaves: &[Leaf],
+    taken: &[bool],
+) -> Result<Selected<T>, VdbReadError> {
+    let (mut pages, mut slots) = (vec![], vec![]);
+    let fixed = buffers.fixed().filter(|size| *size as u64 * leaves.len() as u64 == cursor.remaining());
+    // Runs of leaves that are all read, those that are not taken among them only where it takes reading to pass them.
+    let runs: Vec<(usize, usize)> = if fixed.is_some() {
+        let mut end = 0;
+        let chunks = taken.chunk_by(|a, b| a == b).map(|run| {
+            end += run.len();
+            (end - run.len(), end)
+        });
+        chunks.filter(|(start, _)| taken.get(*start) == Some(&true)).collect()
+    } else {
+        taken.iter().rposition(|taken| *taken).map(|last| (0, last + 1)).into_iter().collect()
+    };
+    let start = cursor.position();
+    let whole = cursor.end();
+    for (first, end) in runs {
+        if let Some(size) = fixed {
+            cursor.skip(start + first as u64 * size as u64 - cursor.position())?;
+            cursor.set_end(start + end as u64 * size as u64);
+        }
+        slots.resize(first, ABSENT);
+        let run = leaves.get(first..end).unwrap_or_default();
+        let done = walk(cursor, buffers, run, |batch| {
+            let taken = taken.get(slots.len()..).unwrap_or_default();
+            let mut next = pages.len() * PAGE;
+            let here: Vec<usize> =
+                (0..batch.leaves.len()).filter(|at| taken.get(*at) == Some(&true)).collect();
+            slots.extend(taken.iter().take(batch.leaves.len()).map(|taken| {
+                let slot = if *taken { u32::try_from(next).unwrap_or(ABSENT) } else { ABSENT };
+                next += usize::from(*taken);
+                slot
+            }));
+            pages.extend(decode(buffers, &batch, &here)?);
+            Ok(())
+        });
+        cursor.set_end(whole);
+        done?;
+    }
+    slots.resize(leaves.len(), ABSENT);
+    Ok((pages, slots))
+}
+
+/// Decodes leaves of a batch, by their numbers in it.
+fn decode<T: Stored>(
+    buffers: &impl Buffers<T>,
+    batch: &Batch<'_>,
+    leaves: &[usize],
+) -> Result<Vec<Page<T>>, VdbReadError> {
+    leaves
+        .par_chunks(PAGE)
+        .map_init(Scratch::default, |scratch, leaves| {
+            let mut page = Vec::new();
+            page.try_reserve_exact(leaves.len())
+                .map_err(|_| std::io::Error::from(std::io::ErrorKind::OutOfMemory))?;
+            page.resize(leaves.len(), [T::ZERO; 512]);
+            for (number, out) in leaves.iter().zip(&mut page) {
+                let Some((leaf, bytes, offset)) = batch.leaf(*number) else { continue };
+                buffers.decode(bytes, leaf, scratch, out).map_err(|fault| fault.at(offset))?;
+            }
+            Ok(page.into_boxed_slice())
+        })
+        .collect()
 }
 
 /// Moves behind the values of all leaves.
@@ -149,6 +216,18 @@ struct Batch<'a> {
     bytes: &'a [u8],
     /// Where in the file `bytes` begin.
     offset: u64,
+}
+
+impl<'a> Batch<'a> {
+    /// A leaf, its bytes, and where they begin in the file.
+    fn leaf(&self, number: usize) -> Option<(&'a Leaf, &'a [u8], u64)> {
+        let start = match number.checked_sub(1) {
+            Some(before) => *self.ends.get(before)?,
+            None => 0,
+        };
+        let bytes = self.bytes.get(start..*self.ends.get(number)?)?;
+        Some((self.leaves.get(number)?, bytes, self.offset + start as u64))
+    }
 }
 
 fn walk<T: Stored, R: Read + Seek>(
@@ -196,5 +275,5 @@ fn walk<T: Stored, R: Read + Seek>(
     }
     // What was read beyond the last leaf belongs to others.
     let behind = cursor.position() - bytes.len() as u64;
-    cursor.back_to(behind.max(start))
+    if bytes.is_empty() { Ok(()) } else { cursor.back_to(behind.max(start)) }
 }

@@ -6,6 +6,8 @@
 //! full or as binary16, plain, as zlib streams, or as Blosc frames with LZ4, all of them or active ones only; trees that
 //! grids share. Other grids, such as points, are listed and refused by name.
 //!
+//! [`VdbFile::grid_part`] decodes only those leaves that lie in a part of index space.
+//!
 //! Any input gives a result or an error. Nothing is allocated that the file cannot hold: what can be decoded from its
 //! bytes bounds every buffer, and [`VdbFile::with_memory_limit`] a grid as a whole.
 
@@ -30,7 +32,7 @@ pub use header::{FileInfo, GridInfo, Map};
 use leaves::{Bits, Buffers};
 use value::Stored;
 
-use crate::volume::Tree;
+use crate::volume::{Part, PartialTree, Tree};
 
 /// Lists a file's grids.
 ///
@@ -57,25 +59,55 @@ pub struct Grid {
     pub tree: AnyTree,
 }
 
-/// A tree of any of the types that are read.
+/// A grid of which a part was read.
 #[derive(Debug, Clone)]
-pub enum AnyTree {
-    /// `Tree_bool_5_4_3`.
-    Bool(Tree<bool>),
-    /// `Tree_int32_5_4_3`.
-    Int32(Tree<i32>),
-    /// `Tree_int64_5_4_3`.
-    Int64(Tree<i64>),
-    /// `Tree_float_5_4_3`.
-    Float(Tree<f32>),
-    /// `Tree_double_5_4_3`.
-    Double(Tree<f64>),
-    /// `Tree_vec3i_5_4_3`.
-    Vec3i(Tree<[i32; 3]>),
-    /// `Tree_vec3s_5_4_3`.
-    Vec3s(Tree<[f32; 3]>),
-    /// `Tree_vec3d_5_4_3`.
-    Vec3d(Tree<[f64; 3]>),
+pub struct PartialGrid {
+    /// What the file says of it.
+    pub info: GridInfo,
+    /// The values that were read.
+    pub tree: AnyPartialTree,
+}
+
+impl From<Grid> for PartialGrid {
+    fn from(Grid { info, tree }: Grid) -> Self {
+        Self { info, tree: tree.into() }
+    }
+}
+
+macro_rules! any_tree {
+    ($($kind:ident($type:ty) $name:literal;)*) => {
+        /// A tree of any of the types that are read.
+        #[derive(Debug, Clone)]
+        pub enum AnyTree {$(
+            #[doc = concat!("`", $name, "`.")]
+            $kind(Tree<$type>),
+        )*}
+
+        /// A part of a tree of any of the types that are read.
+        #[derive(Debug, Clone)]
+        pub enum AnyPartialTree {$(
+            #[doc = concat!("`", $name, "`.")]
+            $kind(PartialTree<$type>),
+        )*}
+
+        impl From<AnyTree> for AnyPartialTree {
+            fn from(tree: AnyTree) -> Self {
+                match tree {
+                    $(AnyTree::$kind(tree) => Self::$kind(tree.into()),)*
+                }
+            }
+        }
+    };
+}
+any_tree! {
+    Bool(bool) "Tree_bool_5_4_3";
+    Int32(i32) "Tree_int32_5_4_3";
+    Int64(i64) "Tree_int64_5_4_3";
+    Float(f32) "Tree_float_5_4_3";
+    Double(f64) "Tree_double_5_4_3";
+    Vec3i([i32; 3]) "Tree_vec3i_5_4_3";
+    Vec3s([f32; 3]) "Tree_vec3s_5_4_3";
+    Vec3d([f64; 3]) "Tree_vec3d_5_4_3";
 }
 
 impl<R: Read + Seek> VdbFile<R> {
@@ -127,12 +159,25 @@ impl<R: Read + Seek> VdbFile<R> {
     /// # Errors
     /// See [`VdbReadError`]. After an error other grids can still be read.
     pub fn grid(&mut self, name: &str) -> Result<Grid, VdbReadError> {
+        self.grid_at(self.number(name)?)
+    }
+
+    /// Reads the first grid of this name, but of its leaves only those in a part of index space. What lies beyond is not
+    /// decoded, nor checked, and takes no memory but for its topology.
+    ///
+    /// # Errors
+    /// As [`VdbFile::grid`].
+    pub fn grid_part(&mut self, name: &str, part: &Part) -> Result<PartialGrid, VdbReadError> {
+        self.grid_part_at(self.number(name)?, part)
+    }
+
+    fn number(&self, name: &str) -> Result<usize, VdbReadError> {
         let number = self.info.grids.iter().position(|grid| grid.name == name);
         let missing = || match self.info.out_of_reach {
             0 => VdbReadError::NoGrid(name.to_owned()),
             _ => VdbReadError::OutOfReach(name.to_owned()),
         };
-        self.grid_at(number.ok_or_else(missing)?)
+        number.ok_or_else(missing)
     }
 
     /// Reads the grid of this number in [`FileInfo::grids`].
@@ -140,6 +185,18 @@ impl<R: Read + Seek> VdbFile<R> {
     /// # Errors
     /// As [`VdbFile::grid`].
     pub fn grid_at(&mut self, number: usize) -> Result<Grid, VdbReadError> {
+        self.read(number, None)
+    }
+
+    /// Reads a part of the grid of this number, as [`VdbFile::grid_part`] does.
+    ///
+    /// # Errors
+    /// As [`VdbFile::grid`].
+    pub fn grid_part_at(&mut self, number: usize, part: &Part) -> Result<PartialGrid, VdbReadError> {
+        self.read(number, Some(part)).map(PartialGrid::from)
+    }
+
+    fn read(&mut self, number: usize, part: Option<&Part>) -> Result<Grid, VdbReadError> {
         let missing = || VdbReadError::NoGrid(format!("number {number}"));
         let info = self.info.grids.get(number).cloned().ok_or_else(missing)?;
         let owner = if info.instance_of.is_empty() { number } else { self.owner(&info.instance_of)? };
@@ -154,7 +211,7 @@ impl<R: Read + Seek> VdbFile<R> {
         self.cursor.back_to(record.topology)?;
         let whole = self.cursor.end();
         self.cursor.set_end(record.end);
-        let tree = self.tree(&name, &type_name, &record);
+        let tree = self.tree(&name, &type_name, &record, part);
         self.cursor.set_end(whole);
         Ok(Grid { info, tree: tree? })
     }
@@ -171,26 +228,37 @@ impl<R: Read + Seek> VdbFile<R> {
     }
 
     /// Reads the tree at the cursor.
-    fn tree(&mut self, grid: &str, type_name: &str, record: &Record) -> Result<AnyTree, VdbReadError> {
+    fn tree(
+        &mut self,
+        grid: &str,
+        type_name: &str,
+        record: &Record,
+        part: Option<&Part>,
+    ) -> Result<AnyTree, VdbReadError> {
         Ok(match type_name {
             "Tree_bool_5_4_3" => {
                 let (tree, _) = topology::read(&mut self.cursor, record.flags, record.half)?;
-                AnyTree::Bool(self.values(grid, tree, &Bits)?)
+                AnyTree::Bool(self.values(grid, tree, &Bits, part)?)
             }
-            "Tree_int32_5_4_3" => AnyTree::Int32(self.tree_of(grid, record)?),
-            "Tree_int64_5_4_3" => AnyTree::Int64(self.tree_of(grid, record)?),
-            "Tree_float_5_4_3" => AnyTree::Float(self.tree_of(grid, record)?),
-            "Tree_double_5_4_3" => AnyTree::Double(self.tree_of(grid, record)?),
-            "Tree_vec3i_5_4_3" => AnyTree::Vec3i(self.tree_of(grid, record)?),
-            "Tree_vec3s_5_4_3" => AnyTree::Vec3s(self.tree_of(grid, record)?),
-            "Tree_vec3d_5_4_3" => AnyTree::Vec3d(self.tree_of(grid, record)?),
+            "Tree_int32_5_4_3" => AnyTree::Int32(self.tree_of(grid, record, part)?),
+            "Tree_int64_5_4_3" => AnyTree::Int64(self.tree_of(grid, record, part)?),
+            "Tree_float_5_4_3" => AnyTree::Float(self.tree_of(grid, record, part)?),
+            "Tree_double_5_4_3" => AnyTree::Double(self.tree_of(grid, record, part)?),
+            "Tree_vec3i_5_4_3" => AnyTree::Vec3i(self.tree_of(grid, record, part)?),
+            "Tree_vec3s_5_4_3" => AnyTree::Vec3s(self.tree_of(grid, record, part)?),
+            "Tree_vec3d_5_4_3" => AnyTree::Vec3d(self.tree_of(grid, record, part)?),
             _ => return Err(VdbReadError::Type { grid: grid.to_owned(), type_name: type_name.to_owned() }),
         })
     }
 
-    fn tree_of<T: Stored>(&mut self, grid: &str, record: &Record) -> Result<Tree<T>, VdbReadError> {
+    fn tree_of<T: Stored>(
+        &mut self,
+        grid: &str,
+        record: &Record,
+        part: Option<&Part>,
+    ) -> Result<Tree<T>, VdbReadError> {
         let (tree, layout) = topology::read(&mut self.cursor, record.flags, record.half)?;
-        self.values(grid, tree, &layout)
+        self.values(grid, tree, &layout, part)
     }
 
     fn values<T: Stored>(
@@ -198,12 +266,21 @@ impl<R: Read + Seek> VdbFile<R> {
         grid: &str,
         mut tree: Tree<T>,
         buffers: &impl Buffers<T>,
+        part: Option<&Part>,
     ) -> Result<Tree<T>, VdbReadError> {
-        let (needed, limit) = (tree.memory_bytes(), self.memory_limit);
+        let taken = part.map(|part| part.leaves_of(&tree)).filter(|taken| taken.contains(&false));
+        let count =
+            taken.as_ref().map_or(tree.leaf_count(), |taken| taken.iter().filter(|taken| **taken).count());
+        let (needed, limit) = (tree.memory_bytes_with(count), self.memory_limit);
         if needed > limit {
             return Err(VdbReadError::Memory { grid: grid.to_owned(), needed, limit });
         }
-        tree.pages = leaves::read(&mut self.cursor, buffers, &tree.leaves)?;
+        if let Some(taken) = taken {
+            let (pages, slots) = leaves::read_some(&mut self.cursor, buffers, &tree.leaves, &taken)?;
+            (tree.pages, tree.slots) = (pages, Some(slots));
+        } else {
+            tree.pages = leaves::read(&mut self.cursor, buffers, &tree.leaves)?;
+        }
         Ok(tree)
     }
 

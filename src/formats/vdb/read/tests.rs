@@ -200,3 +200,107 @@ fn damage_is_named() {
     assert!(fails(at + 72, 1).starts_with("invalid VDB file: size of a payload at byte"));
     assert!(fails(at + 80, 0xff).starts_with("invalid VDB file: zlib stream at byte"));
 }
+
+/// A part of a grid, read alone.
+fn part(bytes: &[u8], name: &str, part: &Part) -> PartialTree<f32> {
+    match open(bytes).grid_part(name, part).expect("a grid").tree {
+        AnyPartialTree::Float(tree) => tree,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_part_is_that_of_the_whole_whatever_the_compression() {
+    // More than a page of leaves, in several upper nodes.
+    let grids = ALL.map(|compression| build(compression, &bricks()));
+    let [a, b, c] = ["a", "b", "c"].map(grid_header);
+    let bytes = file(&[(&a, &grids[0]), (&b, &grids[1]), (&c, &grids[2])]);
+    let mut plain = bytes.clone();
+    plain[20] = 0;
+    for name in ["a", "b", "c"] {
+        let whole = float(&bytes, name);
+        assert!(whole.leaf_count() > 500);
+        let last = whole.leaves().last().expect("a leaf").origin;
+        let parts = [
+            Part::within([-20, -3, 1], [9, 40, 1]),
+            Part::around([[1, 2, 33], [-33, 0, 0], last]),
+            Part::around(whole.leaves().step_by(3).map(|leaf| leaf.origin)),
+            Part::within([4096, i32::MIN, i32::MIN], [i32::MAX; 3]),
+            Part::within([1000; 3], [2000; 3]),
+            Part::around([]),
+        ];
+        let mut held = vec![];
+        for area in &parts {
+            for bytes in [&bytes, &plain] {
+                let found = part(bytes, name, area);
+                let taken = area.leaves_of(&whole);
+                let expected: Vec<_> =
+                    whole.leaves().zip(&taken).filter(|(_, taken)| **taken).map(|(leaf, _)| leaf).collect();
+                assert_eq!(found.leaves().count(), expected.len());
+                for (a, b) in found.leaves().zip(expected) {
+                    assert!(a.origin == b.origin && a.mask == b.mask && a.values == b.values);
+                }
+                assert_eq!(found.stats(), whole.stats());
+                held.push(found.leaves().count());
+                for (leaf, taken) in whole.leaves().zip(taken) {
+                    assert_eq!(found.value(leaf.origin).is_ok(), taken);
+                }
+            }
+        }
+        assert!(held.iter().any(|count| *count > 200) && held.ends_with(&[0, 0, 0, 0]), "{held:?}");
+        let all = part(&bytes, name, &Part::within([i32::MIN; 3], [i32::MAX; 3]));
+        assert_equal(&all.into_whole().expect("all"), &whole);
+    }
+    // After a part the cursor finds the other grids.
+    let mut file = open(&bytes);
+    for name in ["c", "a", "b", "c"] {
+        let grid = file.grid_part(name, &Part::around([[1, 2, 33]])).expect("a grid");
+        assert!(matches!(grid.tree, AnyPartialTree::Float(tree) if tree.holds([1, 2, 33])));
+    }
+}
+
+#[test]
+fn a_part_takes_its_own_memory() {
+    let bytes = three();
+    let whole = float(&bytes, "a");
+    let area = Part::around(whole.leaves().take(1).map(|leaf| leaf.origin));
+    let needed =
+        whole.memory_bytes() - (whole.leaf_count() as u64 - 1) * 2048 + 4 * whole.leaf_count() as u64;
+    assert_eq!(part(&bytes, "a", &area).leaves().count(), 1);
+    let grid = |limit| open(&bytes).with_memory_limit(limit).grid_part("a", &area);
+    assert!(grid(needed).is_ok());
+    assert!(matches!(grid(needed - 1), Err(VdbReadError::Memory { needed: n, .. }) if n == needed));
+}
+
+#[test]
+fn codecs_that_are_not_read_are_named() {
+    let bytes = file(&[(&grid_header("a"), &build(Compression::Blosc, &few()))]);
+    let mask = float(&bytes, "a").leaves().last().expect("leaves").mask.map(u64::to_le_bytes);
+    // Behind the mask, the code, the frame's length, and the versions of the frame and of its codec.
+    let flags = find(&bytes, mask.as_flattened()).last().expect("the mask") + 64 + 1 + 8 + 2;
+    assert_eq!(bytes[flags], 0x31);
+    for (codec, name) in [(0, "BloscLZ"), (2, "Snappy"), (3, "zlib"), (4, "Zstandard")] {
+        let mut other = bytes.clone();
+        other[flags] = 0x11 | codec << 5;
+        let error = open(&other).grid("a").expect_err("no LZ4").to_string();
+        let at = flags - 2 - 8 - 1 - 64;
+        assert_eq!(error, format!("Blosc with {name} at byte {at} is not supported"));
+    }
+}
+
+#[test]
+fn damage_elsewhere_does_not_matter_to_a_part() {
+    for compression in ALL {
+        let bytes = file(&[(&grid_header("a"), &build(compression, &few()))]);
+        let whole = float(&bytes, "a");
+        let last = whole.leaves().last().expect("leaves");
+        let mask = last.mask.map(u64::to_le_bytes);
+        let at = *find(&bytes, mask.as_flattened()).last().expect("the mask");
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 1;
+        let read = |part: &Part| open(&damaged).grid_part("a", part);
+        assert!(open(&damaged).grid("a").is_err() && read(&Part::around([last.origin])).is_err());
+        let first = whole.leaves().next().expect("leaves").origin;
+        assert!(read(&Part::around([first])).is_ok());
+    }
+}

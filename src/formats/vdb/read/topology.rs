@@ -25,8 +25,15 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
     let [tiles, children] = [(); 2].map(|()| cursor.number(u32::from_le_bytes));
     let (tiles, children) = (tiles?, children?);
     let root_tiles = vec![];
-    let mut tree =
-        Tree { background, root_tiles, uppers: vec![], lowers: vec![], leaves: vec![], pages: vec![] };
+    let mut tree = Tree {
+        background,
+        root_tiles,
+        uppers: vec![],
+        lowers: vec![],
+        leaves: vec![],
+        pages: vec![],
+        slots: None,
+    };
     for _ in 0..tiles {
         let origin = root_origin(cursor)?;
         let tile = RootTile { origin, value: value(cursor)?, active: cursor.number(u8::from_le_bytes)? != 0 };
