@@ -213,7 +213,7 @@ fn mass_of_noise_at_rest_is_the_reference_s() {
     }
 }
 
-/// By how much the stated error may be exceeded in tests of many draws: it is two standard deviations.
+/// The stated error is two standard deviations.
 #[test]
 fn stated_error_holds_where_points_are_coarser_than_the_noise() {
     let mut squares = 0.0;
@@ -221,9 +221,9 @@ fn stated_error_holds_where_points_are_coarser_than_the_noise() {
         let scene = scene(&format!(
             "[[tube]]\n{STRAIGHT}radius = 0.3\n[[tube.layer]]\nfrequency = [4.0, 4.0, 12.0]\noctaves = 4\nthreshold = 0.0\nseed = {seed}\n"
         ));
-        let field = Field::compile(&scene, 0.0);
-        let mass =
-            |points| RestMass::new(&field, &scene, Lattice { voxel_size: 1e-4 }, points, Level::best());
+        let lattice = Lattice { voxel_size: 1e-4 };
+        let field = compile(&scene, lattice);
+        let mass = |points| RestMass::new(&field, &scene, lattice, points, Level::best());
         let (found, truth) = (mass(1 << 14), mass(1 << 20));
         let part = (found.rest - truth.rest) / found.error;
         assert!(part.abs() < 2.0, "seed {seed}: {found:?} against {truth:?}");
