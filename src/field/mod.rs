@@ -85,6 +85,7 @@
 
 mod cover;
 mod explain;
+mod extent;
 mod join;
 pub mod kernel;
 mod narrow;
@@ -97,6 +98,7 @@ mod tube;
 use glam::DVec3;
 
 pub use cover::Capsule;
+pub use extent::extent;
 pub use narrow::Candidate;
 pub use region::Region;
 

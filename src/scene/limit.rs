@@ -5,6 +5,9 @@ const LARGEST: f64 = 1e9;
 /// Smallest of the numbers that must be above 0, so that no quotient overflows.
 const SMALLEST: f64 = 1e-9;
 
+/// Frames are counted this far to either side of 0.
+pub(crate) const LARGEST_FRAME: i64 = 1_000_000;
+
 /// A closed range, and how a message names it.
 #[derive(Debug)]
 pub(crate) struct Limit {

@@ -1,6 +1,7 @@
 //! What is tested from outside the library: the program, its files in other programs, the shape of the source.
 //! One binary, so that it is linked once.
 
+mod animation;
 mod cli;
 mod consumers;
 mod files;
@@ -12,6 +13,7 @@ mod gates_hash;
 mod gates_noise;
 mod gates_oracle;
 mod hostile;
+mod inputs;
 mod joins;
 mod kernel;
 mod large;
@@ -22,6 +24,8 @@ mod oracle;
 mod reader;
 mod same_bytes;
 mod sample;
+mod sequence;
+mod shapes;
 mod support;
 mod vdb_rs;
 mod writer;
