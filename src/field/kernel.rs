@@ -24,7 +24,7 @@ const HALVINGS: usize = 26;
 /// How far past a piece's ends, which are at -1 and 1, Newton's method may go.
 const PAST: f64 = 1.25;
 /// Density is divided by no less than this where space narrows towards the focal set.
-const LEAST_NARROWING: f64 = 0.05;
+pub(super) const LEAST_NARROWING: f64 = 0.05;
 /// Parameter of a voxel that has no foot in the piece.
 const NO_FOOT: f64 = 1e30;
 /// Scratch arrays are this long: packed stores write whole lanes.

@@ -64,6 +64,16 @@
 //! the rate at which the pattern's coordinates change across and along the tube; bending and the slope of the radius are
 //! left out of it. A normalised sum is divided by the sum of all gain^k, faded or not.
 //!
+//! # Mass
+//!
+//! Before it is deformed, a tube is a straight cylinder of the rest radius and of the rest length (where it is not stretched,
+//! of the curve's), with the density `max(0, radial(sqrt(q)) * axial(s / L) * layers(u, v, l))` and octaves that fade as
+//! they do after it. The integral of that, in metres^3 since density has no unit, is its *mass at rest*; those of all tubes
+//! add up. What lies at `kappa rho cos >= 1`, or where there is no tube because of its radius, has no image and is *lost*.
+//! A volume elsewhere becomes `(1 - kappa rho cos) r^2 L / V0` of itself (V0 with the cylinder's true length), its density `gain * focal` of
+//! itself: the integral of both over the cylinder is the mass to *expect* of a tube without round ends or corners whose feet
+//! meet neither each other nor those of another tube.
+//!
 //! # How it is evaluated
 //!
 //! [`Field::compile`] cuts every axis into *spans* on which the frame over the radius, and the arc length, are

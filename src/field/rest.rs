@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::kernel::{self, Scratch};
 use super::region::Region;
+use super::span::MOST_GAIN;
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice, VOXELS};
 use crate::num::quadrature::gauss_legendre;
@@ -34,10 +35,13 @@ pub struct Cylinders {
     panels: usize,
 }
 
-/// Points of the unit disc, with their weights times the radial envelope.
+/// Points of the unit disc.
 #[derive(Debug, Clone, Default)]
 struct Disc {
+    /// u, v, and the weight times the radial envelope.
     points: Vec<[f64; 3]>,
+    /// Distance between rings, and between the points of each.
+    spacing: f64,
 }
 
 /// A cross-section of a cylinder at rest, or of its tube's round end.
@@ -139,7 +143,11 @@ impl Cylinders {
         scratch: &Scratch<T>,
     ) -> Masses {
         let mut masses = Masses::default();
-        let points = &self.disc(slice).points[first..first + count];
+        let disc = self.disc(slice);
+        let points = &disc.points[first..first + count];
+        // A line across the disc parts the points' own shares of it, too: `1 - kappa rho cos` over one of them.
+        let bend = (slice.bend[0] * slice.bend[0] + slice.bend[1] * slice.bend[1]).sqrt();
+        let share = if bend > 1.0 { bend * disc.spacing } else { 0.0 };
         for (&[u, v, weight], &layers) in points.iter().zip(&scratch.weight) {
             let mass = slice.weight * weight * layers.to_f64().max(0.0);
             if slice.is_cap() {
@@ -149,10 +157,15 @@ impl Cylinders {
             masses.rest += mass;
             let [u, v] = slice.turned([u, v]);
             let focal = 1.0 - (u * slice.bend[0] + v * slice.bend[1]);
-            if slice.is_deformed && focal > 0.0 {
-                masses.image += mass * slice.image(focal);
-            } else {
+            if !slice.is_deformed {
                 masses.lost += mass;
+                continue;
+            }
+            if share > 0.0 {
+                masses.lost += mass * (0.5 - focal / share).clamp(0.0, 1.0);
+            }
+            if focal > 0.0 {
+                masses.image += mass * slice.image(focal);
             }
         }
         masses
@@ -177,13 +190,11 @@ impl Slice {
     /// Mass of the image over that at rest, where `1 - kappa rho cos` is `focal`.
     fn image(&self, focal: f64) -> f64 {
         let fade = if self.fades_at_focus { smoothstep(focal / 0.2) } else { 1.0 };
-        let kept = if self.conserve == Conserve::Full { focal / focal.max(LEAST_FOCAL) } else { focal };
+        let kept =
+            if self.conserve == Conserve::Full { focal / focal.max(kernel::LEAST_NARROWING) } else { focal };
         fade * kept * self.swell
     }
 }
-
-/// Below this, `1 - kappa rho cos` no longer adds to the density of a tube that conserves fully.
-const LEAST_FOCAL: f64 = 0.05;
 
 impl Field {
     /// The cylinders at rest of the scene that the field was compiled from, in slices of about `points` points in all:
@@ -359,7 +370,11 @@ impl Layout<'_> {
             bend: [n * cos + b * sin, b * cos - n * sin],
             swell: match self.rest.conserve {
                 Conserve::Off => own * own * curve.length() / volume,
-                Conserve::Radius | Conserve::Full => 1.0,
+                // The gain has its limit.
+                Conserve::Radius | Conserve::Full => {
+                    let grown = radius * radius * curve.length() / volume;
+                    (MOST_GAIN * grown).min(1.0)
+                }
             },
             conserve: self.rest.conserve,
             fades_at_focus: self.rest.overlap != Overlap::Closest,
@@ -374,7 +389,7 @@ impl Layout<'_> {
         let gain = match self.rest.conserve {
             Conserve::Off => own * own / (slice.radius * slice.radius),
             Conserve::Radius | Conserve::Full => {
-                slice.weight / (slice.radius * slice.radius * self.tube.curve.length())
+                (slice.weight / (slice.radius * slice.radius * self.tube.curve.length())).min(MOST_GAIN)
             }
         };
         slice.weight = gain * slice.radius * slice.radius * slice.radius;
@@ -407,7 +422,7 @@ impl Disc {
                 number += 1.0;
             }
         }
-        Disc { points }
+        Disc { points, spacing: 1.0 / rings }
     }
 }
 

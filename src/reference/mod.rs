@@ -29,6 +29,7 @@ mod noise;
 mod piece;
 mod quadrature;
 mod radius;
+mod rest;
 mod roots;
 #[cfg(test)]
 mod tests;
@@ -253,6 +254,7 @@ impl Bent {
         })
     }
 
+    /// The density of the tube before it is deformed.
     fn contribution(&self, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let radial = match self.tube.radial {

@@ -81,6 +81,10 @@ pub(crate) fn text(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).expect("UTF-8")
 }
 
+fn real(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
 pub(crate) fn number(value: &Value) -> u64 {
     value.as_u64().unwrap_or_else(|| panic!("{value} is no whole number"))
 }
@@ -167,7 +171,11 @@ fn bake_reports_what_it_did() {
     assert_eq!(report["output"], "bent.vdb");
     assert_eq!(number(&report["bytes"]), folder.get("bent.vdb").len() as u64);
     assert_eq!(report["threads"], 2);
-    assert!(report["mass_ratio"].as_f64().is_some_and(|ratio| (0.5..1.5).contains(&ratio)), "{report}");
+    let (ratio, error) = (real(&report["mass_ratio"]), real(&report["mass_ratio_error"]));
+    // Density is conserved by nobody here, but volume is: the rest cylinder has the tube's own radius and length.
+    assert!((ratio - 1.0).abs() < 0.05 && error > 0.0 && error < 0.1, "{ratio} +- {error}");
+    assert_eq!(real(&report["lost_mass"]), 0.0);
+    assert!((real(&report["mass"]["baked"]) / real(&report["mass"]["rest"]) - ratio).abs() < 1e-12);
     assert!(report["simd"].is_string() && report["left_out"].is_array());
     assert!(number(&report["active_voxels"]) > 1000);
     assert!(number(&report["leaves"]) + number(&report["tiles"]) <= number(&report["planned_bricks"]));
@@ -186,11 +194,22 @@ fn bake_reports_what_it_did() {
 }
 
 #[test]
+fn an_empty_scene_has_no_mass() {
+    let folder = Folder::new();
+    folder.put("nothing.toml", "name = \"nothing\"\n");
+    let report = folder.json(&["bake", "nothing.toml"]);
+    for key in ["mass_ratio", "mass_ratio_error", "lost_mass"] {
+        assert_eq!(report[key], Value::Null, "{key}");
+    }
+    assert_eq!(real(&report["mass"]["baked"]), 0.0);
+}
+
+#[test]
 fn results_and_progress_do_not_mix() {
     let folder = Folder::new();
     let output = folder.run(&["bake", "bent.toml", "--explain"]);
     assert!(text(&output).starts_with("bent.vdb"), "{}", text(&output));
-    assert!(text(&output).contains("left out"));
+    assert!(text(&output).contains("left out") && text(&output).contains("m^3 at rest"));
     let progress = errors(&output);
     assert!(progress.lines().all(|line| line.starts_with("Progress: ")), "{progress}");
     assert!(progress.ends_with("Progress: 100.0%\n") && progress.lines().count() <= 20, "{progress}");

@@ -18,6 +18,7 @@ mod joins;
 mod kernel;
 mod large;
 mod layers;
+mod mass;
 mod noise;
 mod oracle;
 mod reader;
