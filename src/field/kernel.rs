@@ -7,9 +7,9 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels.
 
+use super::fractal::{fractal, pack_places};
 use super::region::{FOOT, LayerKind, Piece, ROWS, Region, SECOND, Search, U, V};
 use super::{EDGE, VOXELS};
-use crate::noise::band_weight;
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 use crate::scene::{Op, Radial};
@@ -40,17 +40,21 @@ pub enum Places<'a, T> {
 #[derive(Debug, Clone)]
 pub struct Scratch<T> {
     eta: Vec<T>,
-    u: Vec<T>,
-    v: Vec<T>,
-    height: Vec<T>,
+    pub(super) u: Vec<T>,
+    pub(super) v: Vec<T>,
+    pub(super) height: Vec<T>,
     weight: Vec<T>,
     /// Voxels inside, a word for each batch of lanes.
-    inside: Vec<u32>,
+    pub(super) inside: Vec<u32>,
     /// Radius and squared distance to the axis over it: only where octaves fade.
-    radius: Vec<T>,
-    q: Vec<T>,
+    pub(super) radius: Vec<T>,
+    pub(super) q: Vec<T>,
+    /// Place in voxels from the block's centre: only where layers ask for it.
+    pub(super) place: [Vec<T>; 3],
+    /// The coordinates of a layer where its warp displaces them.
+    pub(super) displaced: [Vec<T>; 3],
     /// 0, 1, ... 15.
-    numbers: Vec<T>,
+    pub(super) numbers: Vec<T>,
 }
 
 impl<T: Scalar> Default for Scratch<T> {
@@ -65,6 +69,8 @@ impl<T: Scalar> Default for Scratch<T> {
             inside: vec![0; VOXELS],
             radius: room(),
             q: room(),
+            place: [room(), room(), room()],
+            displaced: [room(), room(), room()],
             numbers: (0..16_u8).map(|i| T::from_f64(f64::from(i))).collect(),
         }
     }
@@ -113,6 +119,9 @@ pub fn evaluate<R: Real>(
                 coordinates::<R>(token, piece, places, scratch)
             }
         };
+        if piece.in_world {
+            pack_places::<R>(token, places, scratch);
+        }
         layers::<R>(token, region, piece, scratch, packed);
         join::<R>(token, scratch, values);
         counts.searched += VOXELS as u64;
@@ -509,33 +518,18 @@ fn layers<R: Real>(
 ) {
     let mut first = 0;
     while first < packed {
-        let u = R::load(token, &scratch.u[first..]);
-        let v = R::load(token, &scratch.v[first..]);
-        let height = R::load(token, &scratch.height[first..]);
         let mut value = R::constant(token, 1.0);
         for layer in &region.layers[piece.layers[0]..piece.layers[1]] {
             let mut term = match &layer.kind {
                 LayerKind::Constant(constant) => R::splat(token, *constant),
                 LayerKind::Sectors => {
                     let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+                    let (u, v) = (R::load(token, &scratch.u[first..]), R::load(token, &scratch.v[first..]));
                     R::select(zero.lt(u * v), one, zero)
                 }
-                LayerKind::Fractal { octaves, rates } => {
-                    let mut sum = R::constant(token, 0.0);
-                    let log2 = if piece.fades {
-                        let radius = R::load(token, &scratch.radius[first..]);
-                        log2_rate(token, rates, radius, R::load(token, &scratch.q[first..]))
-                    } else {
-                        sum
-                    };
-                    for octave in &region.octaves[octaves[0]..octaves[1]] {
-                        let mut value = octave.octave.value(token, [u, v, height]);
-                        if let Some(finer) = octave.fade {
-                            value = value * band_weight(token, log2 + R::splat(token, finer));
-                        }
-                        sum = sum + value;
-                    }
-                    sum
+                LayerKind::Perlin { sums, in_world } => {
+                    let sums = &region.sums[sums[0]..sums[1]];
+                    fractal(token, region, sums, *in_world, scratch, first)
                 }
             };
             if let Some(threshold) = layer.threshold {
@@ -568,17 +562,4 @@ fn join<R: Real>(token: R::Token, scratch: &Scratch<R::Scalar>, values: &mut [R:
             first += bits.count_ones() as usize;
         }
     }
-}
-
-/// log2 of the first octave's cells per voxel.
-#[inline(always)]
-fn log2_rate<R: Real>(token: R::Token, rates: &[R::Scalar; 3], radius: R, q: R) -> R {
-    let a2 = R::splat(token, rates[0]) / (radius * radius);
-    let b = R::splat(token, rates[1]);
-    let twist = R::splat(token, rates[2]);
-    let (b2, c2) = (b * b, twist * twist * q);
-    let sum = a2 + b2 + c2;
-    let root = (sum * sum - R::constant(token, 4.0) * a2 * b2).most(R::constant(token, 0.0)).sqrt();
-    let half = R::constant(token, 0.5);
-    ((sum + root) * half).log2() * half
 }

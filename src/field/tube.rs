@@ -4,17 +4,15 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
+use super::pattern::Perlin;
 use super::span::{Axis, LEAST_RADIUS, Section, Span};
 use crate::curve::{Curve, Profile};
-use crate::noise::{octave_offset, octave_seed};
-use crate::scene::{self, Caps, Op, Pattern, Radial};
+use crate::scene::{self, Caps, Op, Pattern, Radial, Space};
 
 /// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
 const CORNER: f64 = 1e-7;
 /// Where the tangents of a cusp are taken, in t.
 const ASIDE: f64 = 1e-6;
-/// Octaves with more cells than this across the tube are left out: single precision cannot place a voxel in them.
-const FINEST: f64 = 4_194_304.0;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Tube {
@@ -33,6 +31,8 @@ pub(crate) struct Tube {
     pub(crate) turns: Option<[f64; 2]>,
     /// Radians of twist per metre.
     pub(crate) twist_rate: f64,
+    /// Keys that densities do not read, and whether they are given.
+    pub(crate) unused: [(&'static str, bool); 2],
 }
 
 /// A place where all points of a half ball or of a wedge have their foot.
@@ -62,28 +62,7 @@ pub(crate) struct Layer {
 pub(crate) enum LayerKind {
     Constant(f64),
     Sectors,
-    Fractal(Fractal),
-}
-
-/// A fractal sum at one time.
-#[derive(Debug, Clone)]
-pub(crate) struct Fractal {
-    pub(crate) octaves: Vec<Octave>,
-    /// Cells per unit of u and v (the larger), and of l, in the first octave.
-    pub(crate) rate: [f64; 2],
-    pub(crate) log2_lacunarity: f64,
-    /// Octaves of the scene that are never evaluated.
-    pub(crate) skipped: u32,
-}
-
-#[derive(Debug, Clone)]
-pub(crate) struct Octave {
-    pub(crate) index: u32,
-    pub(crate) frequency: [f64; 3],
-    /// Lattice coordinate at (0, 0, 0).
-    pub(crate) origin: [f64; 3],
-    pub(crate) seed: u32,
-    pub(crate) amplitude: f64,
+    Perlin(Perlin),
 }
 
 impl Tube {
@@ -92,6 +71,7 @@ impl Tube {
         let turns = [spin - (spin + 0.5).floor(), tube.twist / tube.curve.length()];
         let is_turned = turns != [0.0; 2] && tube.layers.iter().any(|layer| !is_round(&layer.pattern));
         let axis = Axis { curve: &tube.curve, profile: &tube.radius };
+        let around = tube.curve.is_closed().then(|| if tube.stretch { 1.0 } else { tube.curve.length() });
         let breaks = breaks(&tube.curve, &tube.radius);
         let spans = (0..tube.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
         Tube {
@@ -102,10 +82,11 @@ impl Tube {
             points: points(&axis, tube.caps),
             caps: tube.caps,
             radial: tube.radial,
-            layers: tube.layers.iter().map(|layer| compile_layer(layer, time)).collect(),
+            layers: tube.layers.iter().map(|layer| compile_layer(layer, time, around)).collect(),
             stretch: tube.stretch,
             turns: is_turned.then_some(turns),
             twist_rate: TAU * turns[1],
+            unused: [("color", tube.color.is_some()), ("temperature", tube.temperature.is_some())],
         }
     }
 
@@ -160,7 +141,7 @@ fn is_round(pattern: &Pattern) -> bool {
     match pattern {
         Pattern::Constant(_) => true,
         Pattern::Sectors => false,
-        Pattern::Perlin(fbm) => fbm.octaves == 0,
+        Pattern::Perlin(fbm) => fbm.octaves == 0 || fbm.space == Space::World,
     }
 }
 
@@ -217,40 +198,11 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
     points
 }
 
-fn compile_layer(layer: &scene::Layer, time: f64) -> Layer {
+fn compile_layer(layer: &scene::Layer, time: f64, around: Option<f64>) -> Layer {
     let kind = match &layer.pattern {
         Pattern::Constant(value) => LayerKind::Constant(*value),
         Pattern::Sectors => LayerKind::Sectors,
-        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm, time)),
+        Pattern::Perlin(fbm) => LayerKind::Perlin(Perlin::compile(fbm, time, around)),
     };
     Layer { op: layer.op, kind, threshold: layer.threshold, multiplier: layer.multiplier }
-}
-
-fn compile_fractal(fbm: &scene::Fbm, time: f64) -> Fractal {
-    let mut octaves = Vec::new();
-    let mut skipped = fbm.octaves;
-    let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
-    for index in 0..fbm.octaves {
-        let frequency = fbm.frequency.map(|f| f * scale);
-        let offset = octave_offset(fbm.seed, index);
-        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scroll[i] * scale * time);
-        if amplitude > 0.0 && frequency[0].max(frequency[1]) <= FINEST {
-            skipped -= 1;
-            octaves.push(Octave { index, frequency, origin, seed: octave_seed(fbm.seed, index), amplitude });
-        }
-        total += amplitude;
-        scale *= fbm.lacunarity;
-        amplitude *= fbm.gain;
-    }
-    if fbm.normalise && total > 0.0 {
-        for octave in &mut octaves {
-            octave.amplitude /= total;
-        }
-    }
-    Fractal {
-        octaves,
-        rate: [fbm.frequency[0].max(fbm.frequency[1]), fbm.frequency[2]],
-        log2_lacunarity: libm::log2(fbm.lacunarity),
-        skipped,
-    }
 }

@@ -25,6 +25,7 @@
 
 mod axis;
 mod noise;
+mod pattern;
 mod piece;
 mod quadrature;
 mod radius;
@@ -33,11 +34,13 @@ mod roots;
 mod tests;
 mod transport;
 
-pub use noise::{fbm, octave_weight, perlin};
+pub use noise::{octave_weight, perlin, perlin_around};
+pub use pattern::fbm;
 
-use crate::scene::{Caps, Layer, Op, Pattern, Radial, Scene, Tube};
+use crate::scene::{Caps, Layer, Op, Pattern, Radial, Scene, Space, Tube};
 use axis::{Axis, Place};
 use nalgebra::{Matrix2, Vector3};
+use pattern::{Ground, pattern};
 use radius::Radius;
 use std::f64::consts::TAU;
 
@@ -118,7 +121,7 @@ impl Reference {
                 if let Some(at) = bent.cylindrical(&place, self.time)
                     && at.q() <= 1.0
                 {
-                    density = density.max(bent.contribution(&at, self.time, self.voxel_size));
+                    density = density.max(bent.contribution(p, &at, self.time, self.voxel_size));
                 }
             }
         }
@@ -195,7 +198,7 @@ impl Bent {
         })
     }
 
-    fn contribution(&self, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn contribution(&self, p: [f64; 3], at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let focal = smoothstep(0.0, 0.2, at.focal);
         let radial = match self.tube.radial {
@@ -210,7 +213,7 @@ impl Bent {
         };
         let mut value = 1.0;
         for layer in &self.tube.layers {
-            let term = self.term(layer, at, time, voxel_size);
+            let term = self.term(layer, p, at, time, voxel_size);
             value = match layer.op {
                 Op::Multiply => value * term,
                 Op::Add => value + term,
@@ -221,13 +224,26 @@ impl Bent {
         focal * radial * axial * value
     }
 
-    fn term(&self, layer: &Layer, at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
+    fn term(&self, layer: &Layer, p: [f64; 3], at: &Cylindrical, time: f64, voxel_size: Option<f64>) -> f64 {
         let pattern = match &layer.pattern {
             Pattern::Constant(value) => *value,
             Pattern::Sectors => f64::from(at.u * at.v > 0.0),
             Pattern::Perlin(noise) => {
-                let cells = voxel_size.map(|h| h * self.rate(noise.frequency, at));
-                fbm(noise, [at.u, at.v, at.l], time, cells)
+                let rate = |frequency: [f64; 3]| match noise.space {
+                    Space::Cylinder => self.rate(frequency, at),
+                    Space::World => Vector3::from(frequency).max(),
+                };
+                let cells_per_voxel = |frequency| voxel_size.map(|h| h * rate(frequency));
+                let is_loop = self.tube.curve.is_closed() && noise.space == Space::Cylinder;
+                pattern(
+                    noise,
+                    &Ground {
+                        position: if noise.space == Space::World { p } else { [at.u, at.v, at.l] },
+                        time,
+                        around: is_loop.then(|| if self.tube.stretch { 1.0 } else { self.axis.length() }),
+                        cells_per_voxel: &cells_per_voxel,
+                    },
+                )
             }
         };
         layer.multiplier * layer.threshold.map_or(pattern, |threshold| (pattern - threshold).max(0.0))

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
-use crate::scene::{Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase};
+use crate::scene::{Bake, Camera, Conserve, Fbm, Form, Medium, Overlap, Rest, Space, Step, TimeBase};
 use glam::DVec3;
 
 /// Uniform numbers in [0, 1) (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
@@ -42,6 +42,8 @@ fn tube(segments: Vec<Segment>) -> Tube {
         rest: Rest { radius: 1.0, length: 1.0 },
         overlap: Overlap::Max,
         layers: Vec::new(),
+        color: None,
+        temperature: None,
     }
 }
 
@@ -93,6 +95,11 @@ fn noise() -> Fbm {
         normalise: true,
         seed: 7,
         scroll: [0.0, 0.1, -0.3],
+        form: Form::Fbm,
+        rotate: false,
+        warp: None,
+        space: Space::Cylinder,
+        offset: [0.0; 3],
     }
 }
 

@@ -29,7 +29,7 @@ pub(super) static TUBE: Section = Section {
     name: "[[tube]]",
     keys: &[
         "name", "curve", "radius", "twist", "spin", "stretch", "frame", "caps", "conserve", "rest",
-        "overlap", "envelope", "layer",
+        "overlap", "envelope", "layer", "color", "temperature",
     ],
     later: &[],
 };
@@ -62,10 +62,21 @@ pub(super) static LAYER: Section = Section {
         "normalise",
         "seed",
         "scroll",
+        "form",
+        "rotate",
+        "warp",
+        "space",
+        "offset",
         "value",
         "threshold",
         "multiplier",
     ],
+    later: &[],
+};
+
+pub(super) static WARP: Section = Section {
+    name: "warp",
+    keys: &["amplitude", "frequency", "octaves", "lacunarity", "gain", "seed"],
     later: &[],
 };
 
@@ -79,5 +90,5 @@ pub(super) static LIGHT: Section =
     Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
 
 /// All of them, in the order of a scene.
-pub(super) static SECTIONS: [&Section; 11] =
-    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA, &LIGHT];
+pub(super) static SECTIONS: [&Section; 12] =
+    [&ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ENVELOPE, &REST, &LAYER, &WARP, &MEDIUM, &CAMERA, &LIGHT];

@@ -108,6 +108,11 @@ impl<'a> Item<'a> {
         self.value.span()
     }
 
+    /// The key it belongs to.
+    pub(super) fn key(&self) -> &'static str {
+        self.key
+    }
+
     pub(super) fn is_text(&self) -> bool {
         self.value.get_ref().is_str()
     }

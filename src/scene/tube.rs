@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::error::Fault;
 use super::keys::{CURVE, ENVELOPE, LAYER, REST};
 use super::reader::{Item, Reader, Words};
-use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, axis, layer, limit};
+use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, axis, layer, limit, ramp};
 use crate::curve::{Curve, FrameRule, Profile, ProfileError};
 
 /// Radius of a tube that gives none, as a part of its curve's length.
@@ -106,6 +106,8 @@ fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
     let twist = table.number("twist", &limit::ANY).unwrap_or(0.0);
     let spin = table.number("spin", &limit::ANY).unwrap_or(0.0);
     let stretch = table.boolean("stretch").unwrap_or(true);
+    let color = table.get("color").and_then(ramp::color);
+    let temperature = table.get("temperature").and_then(ramp::temperature);
     // Only when all keys are read may a tube without a curve be given up.
     let curve = curve?;
     let radius = radius.unwrap_or_else(|| {
@@ -129,6 +131,8 @@ fn tube(table: &Reader<'_>, name: String) -> Option<Tube> {
         rest,
         overlap,
         layers,
+        color,
+        temperature,
     })
 }
 

@@ -16,11 +16,11 @@ pub(crate) fn shipped(name: &str) -> Scene {
     Scene::parse(&text, &path).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-fn scene(text: &str) -> Scene {
+pub(crate) fn scene(text: &str) -> Scene {
     Scene::parse(text, "test.toml").unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-fn lattice(field: &Field, resolution: f64) -> Lattice {
+pub(crate) fn lattice(field: &Field, resolution: f64) -> Lattice {
     let [lo, hi] = field.bounds().expect("the scene has density");
     Lattice { voxel_size: (hi - lo).max_element() / resolution }
 }
@@ -116,7 +116,7 @@ fn near_jump(scene: &Scene, reference: &Reference, p: [f64; 3], edge: f64) -> bo
 const LARGEST: f64 = 4e-5;
 const RMS: f64 = LARGEST / 30.0;
 
-fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
+pub(crate) fn assert_close(name: &str, scene: &Scene, resolution: f64, edge: f64) {
     let errors = errors(scene, resolution, 20_000, edge);
     assert!(errors.peak > 0.0, "{name}: nothing was compared");
     assert!(

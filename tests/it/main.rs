@@ -3,6 +3,7 @@
 
 mod cli;
 mod consumers;
+mod detail;
 mod files;
 mod gates_bake;
 mod gates_cover;
