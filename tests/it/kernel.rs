@@ -23,7 +23,7 @@ pub(crate) fn scene(text: &str) -> Scene {
     Scene::parse(text, "test.toml").unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-fn lattice(field: &Field, resolution: f64) -> Lattice {
+pub(crate) fn lattice(field: &Field, resolution: f64) -> Lattice {
     let [lo, hi] = field.bounds().expect("the scene has density");
     Lattice { voxel_size: (hi - lo).max_element() / resolution }
 }
