@@ -305,5 +305,5 @@ fn shipped_scenes_are_valid_and_smooth() {
         }
         count += 1;
     }
-    assert_eq!(count, 12);
+    assert_eq!(count, 13);
 }
