@@ -7,13 +7,13 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels.
 
-use super::fractal::{fractal, pack_places};
 use super::join::{self, Joint};
-use super::region::{FOOT, LayerKind, Piece, ROWS, Region, SECOND, Search, U, V};
+use super::layers::{layers, pack_places};
+use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
 use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
-use crate::scene::{Op, Radial};
+use crate::scene::Radial;
 
 /// Newton steps that every voxel gets.
 const STEPS: usize = 3;
@@ -589,46 +589,4 @@ fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R, height: R)
         weight = weight * smoothstep(token, x / fraction) * smoothstep(token, (one - x) / fraction);
     }
     weight
-}
-
-/// The density of the packed voxels: envelope times layers. It takes the place of the weights.
-#[inline(always)]
-pub(super) fn layers<R: Real>(
-    token: R::Token,
-    region: &Region<R::Scalar>,
-    [start, end]: [usize; 2],
-    scratch: &mut Scratch<R::Scalar>,
-    packed: usize,
-) {
-    let mut first = 0;
-    while first < packed {
-        let mut value = R::constant(token, 1.0);
-        for layer in &region.layers[start..end] {
-            let mut term = match &layer.kind {
-                LayerKind::Constant(constant) => R::splat(token, *constant),
-                LayerKind::Sectors => {
-                    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
-                    let (u, v) = (R::load(token, &scratch.u[first..]), R::load(token, &scratch.v[first..]));
-                    R::select(zero.lt(u * v), one, zero)
-                }
-                LayerKind::Perlin { sums, in_world } => {
-                    let sums = &region.sums[sums[0]..sums[1]];
-                    fractal(token, region, sums, *in_world, scratch, first)
-                }
-            };
-            if let Some(threshold) = layer.threshold {
-                term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
-            }
-            term = term * R::splat(token, layer.multiplier);
-            value = match layer.op {
-                Op::Multiply => value * term,
-                Op::Add => value + term,
-                Op::Max => value.most(term),
-                Op::Min => value.least(term),
-            };
-        }
-        let weight = R::load(token, &scratch.weight[first..]);
-        (value * weight).store(&mut scratch.weight[first..]);
-        first += R::LANES;
-    }
 }

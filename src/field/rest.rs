@@ -10,6 +10,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use super::kernel::{self, Scratch};
+use super::layers;
 use super::narrow::Block;
 use super::region::Region;
 use super::span::MOST_GAIN;
@@ -245,7 +246,7 @@ pub fn evaluate<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
     count: usize,
 ) {
-    kernel::layers::<R>(token, region, [0, region.layers.len()], scratch, count);
+    layers::layers::<R>(token, region, [0, region.layers.len()], scratch, count);
 }
 
 /// Points of a tube, at least.

@@ -24,8 +24,8 @@
 //! e_k = mix(s * 0x9E3779B9 + 4 k)      o_k[axis] = mix(s * 0x9E3779B9 + 4 k + 1 + axis) / 2^32
 //! ```
 //!
-//! (products with f_k and moved_k axis by axis; `scrolled` is the scroll added up from the start frame), so that octaves neither repeat each other nor share a zero at the
-//! origin.
+//! (products axis by axis; `scrolled` is the scroll added up from the start frame to the scene's time), so that octaves
+//! neither repeat each other nor share a zero at the origin.
 //!
 //! - *Form*: g(n) is n for fBm; |n| for billow, the octave of Perlin's turbulence ("An image synthesizer", 1985); and
 //!   `(1 - |n|)^2` for ridged, the ridge of Musgrave's ridged multifractal (Ebert et al., "Texturing and modeling", 2003,
@@ -36,8 +36,8 @@
 //! - *Turns*: R_k is the unit matrix, or where the lattices are turned, so that their axes do not show, the rotation by the
 //!   quaternion (w, x, y, z) whose components are 2 b - 255 for the four bytes b, from the lowest, of
 //!   `mix(0x51ED270B + 256 k + j)`. There j is the first of 0, 1, ... for which
-//!   `128^2 <= w^2 + x^2 + y^2 + z^2 <= 255^2` and no entry of R_k exceeds 0.9 in magnitude: no axis of an octave comes within 25 degrees of the coordinates' own. Around a loop x and y are 0,
-//!   and the entries are those across.
+//!   `128^2 <= w^2 + x^2 + y^2 + z^2 <= 255^2` and no entry of R_k exceeds 0.9 in magnitude: no axis of an octave comes
+//!   within 25 degrees of the coordinates' own. Around a loop x and y are 0, and the entries are those across.
 //! - *Loops*: where the third coordinate runs once around a closed curve as it grows by T, octave k has
 //!   `P_k = max(1, round(f lac^k T))` cells around (half away from zero), so `f_k = P_k / T` and `moved_k = scrolled P_k /
 //!   P_0` along it, and the third index of a corner is taken modulo P_k: whatever the offset and the scroll, the pattern
@@ -46,8 +46,8 @@
 //! - *Warp*: before that, c is moved by `(A / f[axis]) w[axis]` along every axis with f >= 1e-9 (around a loop, `A T / P_0`), A
 //!   being the warp's amplitude in cells of the first octave. `w[axis]` is an fBm of the warp's own frequency, octaves, gain
 //!   and lacunarity over the same coordinates, normalised, with the seed `mix(s ^ (0x68E31DA4 + axis))` for the warp's
-//!   seed s; its octaves are turned, closed and faded like the sum's. The warp moves along with the pattern: its scroll is
-//!   `scroll f_warp / f` along these axes, else 0.
+//!   seed s; its octaves are turned, closed and faded like the sum's. The warp moves along with the pattern: it has
+//!   moved by `scrolled f_warp / f` of its cells along these axes, else not at all.
 //!
 //! # Precision
 //!

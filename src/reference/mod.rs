@@ -11,7 +11,8 @@
 //! - arc length: Gauss-Legendre quadrature on panels halved until both halves agree with the whole;
 //! - rotation-minimising frame: its differential equation, by extrapolation of order 16;
 //! - cusps: the segment is cut there and the zero divided out of C', so that the tangent has no noise;
-//! - noise: the sum over eight corners with products of weights, at coordinates of twice double precision.
+//! - noise: the sum over eight corners with products of weights, at coordinates of twice double precision, turned by
+//!   quaternions, around loops in whole numbers.
 //!
 //! Nothing is narrowed or left out but by `q <= 1`. Where the prose leaves a case open, it is read thus:
 //!

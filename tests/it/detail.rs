@@ -2,13 +2,14 @@
 
 use std::fmt::Write;
 
+use glam::DVec3;
 use rayon::prelude::*;
 use vdbake::field::{Field, Lattice};
 use vdbake::noise::{Form, MEAN_MAGNITUDE, Octave, octave_seed, turn, turn_around};
 use vdbake::num::Level;
 use vdbake::reference::{self, Reference};
-use vdbake::scene::Scene;
-use vdbake::volume::{Plan, Store, bake};
+use vdbake::scene::{Pattern, Scene};
+use vdbake::volume::{Plan, Store, bake, density_at};
 
 use crate::gates_noise::lanes;
 use crate::gates_oracle::Random;
@@ -16,13 +17,21 @@ use crate::kernel::{assert_close, lattice, scene};
 
 /// A bent tube with one layer of these further lines.
 fn tube(lines: &str) -> Scene {
-    scene(&text("[[0,0,0],[0.5,0.2,1],[0,0.4,2]]", lines))
+    scene(&text(BENT, lines))
 }
 
-fn text(points: &str, lines: &str) -> String {
+const BENT: &str = "{ points = [[0,0,0],[0.5,0.2,1],[0,0.4,2]] }";
+
+fn text(curve: &str, lines: &str) -> String {
+    // What meets itself where a curve closes.
+    let across = if curve.contains("closed") {
+        "radius = 0.3\ntwist = 1.0"
+    } else {
+        "radius = [[0, 0.2], [1, 0.35]]\ntwist = 0.7"
+    };
     format!(
-        "[[tube]]\ncurve = {{ kind = \"quadratic\", points = {points} }}\nradius = [[0, 0.2], [1, 0.35]]\ntwist = 0.7\n\
-         envelope = {{ radial = \"smooth\" }}\n[[tube.layer]]\nop = \"add\"\nfrequency = [2.0, 2.5, 4.0]\noctaves = 4\n{lines}\n"
+        "[[tube]]\ncurve = {curve}\n{across}\nenvelope = {{ radial = \"smooth\" }}\n\
+         [[tube.layer]]\nop = \"add\"\nfrequency = [2.0, 2.5, 4.0]\noctaves = 4\n{lines}\n"
     )
 }
 
@@ -44,21 +53,103 @@ const OPTIONS: [&str; 14] = [
     "frequency = 2.0\n[[tube.layer]]\nop = \"max\"\nspace = \"world\"\nform = \"ridged\"\nwarp = { frequency = 2.0 }\nfrequency = 3.0",
 ];
 
+fn option(curve: &str, lines: &str, fade: bool) -> Scene {
+    let text = format!("[bake]\noctave_fade = {fade}\n{}", once(&text(curve, lines)));
+    Scene::parse_at(&text, "test.toml", 0.7).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
 #[test]
 fn every_option_agrees_with_the_reference() {
     for lines in OPTIONS {
         for (resolution, fade) in [(30.0, true), (30.0, false), (150.0, true)] {
-            let scene = Scene::parse(
-                &format!(
-                    "[bake]\noctave_fade = {fade}\n{}",
-                    once(&text("[[0,0,0],[0.5,0.2,1],[0,0.4,2]]", lines))
-                ),
-                "test.toml",
-            )
-            .unwrap_or_else(|errors| panic!("{errors}"));
-            assert_close(lines, &scene, resolution, 0.0);
+            assert_close(lines, &option(BENT, lines, fade), resolution, 0.0);
         }
     }
+}
+
+/// The same on closed tubes, where patterns run around.
+#[test]
+fn every_option_agrees_with_the_reference_around_a_loop() {
+    for lines in OPTIONS {
+        for (fade, scroll) in [(true, ""), (false, "\nscroll = [0.3, 0.0, -2.7]")] {
+            assert_close(lines, &option(&ring(), &format!("{lines}{scroll}"), fade), 60.0, 0.0);
+        }
+    }
+    let metres = text(&ring(), "rotate = true\nwarp = { amplitude = 0.3 }")
+        .replace("twist = 1.0", "twist = 1.0\nstretch = false")
+        .replace("frequency = [2.0, 2.5, 4.0]", "frequency = [2.0, 2.5, 0.7]");
+    assert_close("in metres", &scene(&metres), 60.0, 0.0);
+}
+
+/// A ring about the z axis that begins and ends at (1, 0, 0).
+fn ring() -> String {
+    let points: Vec<String> = (0..12)
+        .map(|i| {
+            let (sin, cos) = libm::sincos(f64::from(i) * std::f64::consts::TAU / 12.0);
+            format!("[{cos}, {sin}, 0.0]")
+        })
+        .collect();
+    format!("{{ kind = \"catmull-rom\", closed = true, points = [{}] }}", points.join(", "))
+}
+
+/// Patterns meet themselves where a tube closes, in the kernel and in the reference, whatever the options.
+#[test]
+fn patterns_close_around_a_loop() {
+    for lines in OPTIONS {
+        for extra in ["", "stretch = false\n"] {
+            let text = text(&ring(), &format!("{lines}\nscroll = [0.0, 0.0, 1.3]"))
+                .replace("twist = 1.0", &format!("twist = 1.0\n{extra}"));
+            let scene =
+                Scene::parse_at(&once(&text), "test.toml", 0.7).unwrap_or_else(|errors| panic!("{errors}"));
+            let mut random = Random(44);
+            // A micrometre apart: the steepest of the layers changes by no more than 3.75 * 30 * 20 times that.
+            let pairs: Vec<[DVec3; 2]> = (0..400)
+                .map(|_| {
+                    let (x, z) = (1.0 + random.within(-0.2, 0.2), random.within(-0.2, 0.2));
+                    [-0.5e-6, 0.5e-6].map(|y| DVec3::new(x, y, z))
+                })
+                .collect();
+            let reference = Reference::new(&scene, None);
+            let [mut largest, mut spread] = [0.0_f64; 2];
+            for [a, b] in &pairs {
+                let [a, b] = [a, b].map(|p| reference.density(p.to_array()));
+                largest = largest.max((a - b).abs());
+                spread = spread.max((a - 1.0).abs());
+            }
+            assert!(largest < 2.5e-3 && spread > 0.05, "{lines}{extra}: {largest:e} of {spread}");
+            let field = Field::compile(&scene);
+            let points: Vec<DVec3> = pairs.concat();
+            let lattice = Lattice { voxel_size: 0.05 };
+            let found = density_at(&field, lattice, &points, Level::best(), 1 << 32).expect("a small plan");
+            for (pair, values) in pairs.iter().zip(found.chunks_exact(2)) {
+                assert!((values[0] - values[1]).abs() < 2.5e-3, "{lines}{extra}: {values:?} at {}", pair[0]);
+            }
+        }
+    }
+}
+
+/// Scrolled by whole periods of the first octave, all octaves have come round.
+#[test]
+fn a_scroll_around_a_loop_comes_round() {
+    // 7.4 cells become 7, 14.8 become 15, and the warp's 5.3 become 5.
+    let lines =
+        "scroll = [0.0, 0.0, 7.0]\nwarp = { amplitude = 0.4, frequency = [2.0, 2.0, 5.3] }\nrotate = true";
+    let text = text(&ring(), lines).replace("frequency = [2.0, 2.5, 4.0]", "frequency = [2.0, 2.5, 7.4]");
+    let [start, part, round] = [0.0, 0.4, 1.0].map(|seconds| {
+        Reference::new(&Scene::parse_at(&text, "test.toml", seconds).expect("a valid scene"), None)
+    });
+    let mut random = Random(45);
+    let mut moved = 0.0_f64;
+    for _ in 0..400 {
+        let angle = random.within(0.0, std::f64::consts::TAU);
+        let (sin, cos) = libm::sincos(angle);
+        let distance = 1.0 + random.within(-0.15, 0.15);
+        let p = [distance * cos, distance * sin, random.within(-0.15, 0.15)];
+        let values = [&start, &part, &round].map(|reference| reference.density(p));
+        assert!((values[0] - values[2]).abs() < 1e-12, "{values:?} at {p:?}");
+        moved = moved.max((values[0] - values[1]).abs());
+    }
+    assert!(moved > 0.1, "{moved}");
 }
 
 /// The lines without the frequency that the first layer has before one of its own.
@@ -76,14 +167,19 @@ fn the_world_is_as_precise_far_away() {
         (1e6, "space = \"world\"\nrotate = true"),
         (-1e6, "space = \"world\"\nwarp = { amplitude = 0.3 }\nscroll = [0.0, 0.0, 3.0]"),
     ] {
-        let points = format!("[[{far},0,{far}],[{},0.2,{}],[{far},0.4,{}]]", far + 0.5, far + 1.0, far + 2.0);
-        let scene = scene(&text(&points, lines));
+        let curve = format!(
+            "{{ points = [[{far},0,{far}],[{},0.2,{}],[{far},0.4,{}]] }}",
+            far + 0.5,
+            far + 1.0,
+            far + 2.0
+        );
+        let scene = scene(&text(&curve, lines));
         assert_close(lines, &scene, 60.0, 0.0);
     }
 }
 
 fn baked(scene: &Scene, resolution: f64) -> Vec<([i32; 3], u32)> {
-    let field = Field::compile(&scene.at(0.3).expect("the scene is valid at any time"));
+    let field = Field::compile(scene);
     baked_at(&field, lattice(&field, resolution))
 }
 
@@ -106,8 +202,7 @@ fn options_that_say_nothing_change_no_bit() {
     ] {
         let scene = tube(&format!("threshold = -0.2\n{lines}"));
         assert!(baked(&scene, 60.0) == found, "{lines}");
-        let [before, after] =
-            [&plain, &scene].map(|scene| Reference::new(&scene.at(0.3).expect("a scene"), None));
+        let [before, after] = [&plain, &scene].map(|scene| Reference::new(scene, None));
         let mut random = Random(41);
         for _ in 0..2000 {
             let p = [random.within(0.0, 0.4), random.within(0.0, 0.4), random.within(0.0, 2.0)];
@@ -175,6 +270,30 @@ fn forms_keep_their_ranges_and_means() {
     }
     // Of two million values with a spread of 0.156, standard error 1.1e-4.
     assert!((magnitude / count - MEAN_MAGNITUDE).abs() < 4.4e-4, "{}", magnitude / count);
+}
+
+/// Whatever the form, and however far octaves have faded, a sum stays within 1.04 times the sum of its amplitudes, by which
+/// scenes are checked for overflow; and those forms that have no negative values have none.
+#[test]
+fn sums_of_any_form_stay_below_their_bound() {
+    let mut random = Random(46);
+    for form in ["fbm", "billow", "ridged"] {
+        for gain in [0.5, 1.3] {
+            for normalise in [false, true] {
+                let scene =
+                    tube(&format!("form = \"{form}\"\ngain = {gain}\nnormalise = {normalise}\nwarp = {{}}"));
+                let Pattern::Perlin(noise) = &scene.tubes()[0].layers[0].pattern else { panic!("perlin") };
+                let bound = if normalise { 1.04 } else { 1.04 * (1.0 + gain * (1.0 + gain * (1.0 + gain))) };
+                for i in 0..4000 {
+                    let cells = (i % 2 == 0).then(|| random.within(0.0, 2.0));
+                    let p = [0; 3].map(|_| random.within(-50.0, 50.0));
+                    let value = reference::fbm(noise, p, cells);
+                    let least = if form == "fbm" { -bound } else { 0.0 };
+                    assert!(least <= value && value <= bound, "{form}, {gain}: {value} of {bound}");
+                }
+            }
+        }
+    }
 }
 
 /// However coarse the voxels, a layer's mean stays: fading takes detail and not brightness.

@@ -31,6 +31,8 @@ caps = "fade"                           # flat, round, fade
 conserve = "off"                        # off, radius, full
 overlap = "max"                         # max, sum, closest, blend
 envelope = { radial = "smooth", axial = 0.1 }
+color = [[0, 1.0, 0.9, 0.8], [1, 0.4, 0.4, 0.5]]   # or [r, g, b]
+temperature = 300                       # kelvin; or keys [[l, kelvin], ...]
 
 [[tube.layer]]                          # combined in order
 op = "multiply"                         # add, multiply, max, min
@@ -42,6 +44,11 @@ gain = 0.5
 threshold = 0.1                         # max(0, n - threshold) * multiplier
 multiplier = 1.6
 scroll = [0.0, 0.0, -0.3]               # cells a second
+form = "ridged"                         # fbm, ridged, billow
+rotate = true
+warp = { amplitude = 0.25, frequency = 1.5, octaves = 2, lacunarity = 2.0, gain = 0.5, seed = 0 }
+space = "world"                         # or "cylinder"
+offset = [0.5, 0.0, 0.0]
 
 [medium]
 extinction = 12.0                       # per metre, times density
@@ -89,12 +96,21 @@ fn sketch_of_every_key() {
         normalise: false,
         seed: 0,
         scrolled: [0.0; 3],
-        form: Form::Fbm,
-        rotate: false,
-        warp: None,
-        space: Space::Cylinder,
-        offset: [0.0; 3],
+        form: Form::Ridged,
+        rotate: true,
+        warp: Some(Warp {
+            amplitude: 0.25,
+            frequency: [1.5; 3],
+            octaves: 2,
+            lacunarity: 2.0,
+            gain: 0.5,
+            seed: 0,
+        }),
+        space: Space::World,
+        offset: [0.5, 0.0, 0.0],
     };
+    assert_eq!(tube.color.as_ref().map(|color| color.keys().len()), Some(2));
+    assert_eq!(tube.temperature.as_ref().map(|kelvin| kelvin.at(0.5)), Some(300.0));
     assert_eq!(layer.pattern, Pattern::Perlin(fbm));
     assert_eq!(
         (scene.medium().extinction, scene.medium().albedo, scene.medium().anisotropy),

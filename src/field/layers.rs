@@ -1,10 +1,11 @@
-//! Noise layers in the kernel.
+//! Layers in the kernel.
 
 use super::kernel::{Places, Scratch};
-use super::region::{Region, Sum};
+use super::region::{LayerKind, Region, Sum};
 use super::{EDGE, VOXELS};
 use crate::noise::band_weight;
 use crate::num::{Real, Scalar};
+use crate::scene::Op;
 
 /// Packs the places, in voxels from the block's centre, of the voxels inside.
 #[inline(always)]
@@ -39,6 +40,48 @@ pub(super) fn pack_places<R: Real>(
         place[1].compress(inside).store(&mut scratch.place[1][packed..]);
         place[2].compress(inside).store(&mut scratch.place[2][packed..]);
         packed += bits.count_ones() as usize;
+    }
+}
+
+/// The density of the packed voxels: envelope times layers. It takes the place of the weights.
+#[inline(always)]
+pub(super) fn layers<R: Real>(
+    token: R::Token,
+    region: &Region<R::Scalar>,
+    [start, end]: [usize; 2],
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+) {
+    let mut first = 0;
+    while first < packed {
+        let mut value = R::constant(token, 1.0);
+        for layer in &region.layers[start..end] {
+            let mut term = match &layer.kind {
+                LayerKind::Constant(constant) => R::splat(token, *constant),
+                LayerKind::Sectors => {
+                    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+                    let (u, v) = (R::load(token, &scratch.u[first..]), R::load(token, &scratch.v[first..]));
+                    R::select(zero.lt(u * v), one, zero)
+                }
+                LayerKind::Perlin { sums, in_world } => {
+                    let sums = &region.sums[sums[0]..sums[1]];
+                    fractal(token, region, sums, *in_world, scratch, first)
+                }
+            };
+            if let Some(threshold) = layer.threshold {
+                term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
+            }
+            term = term * R::splat(token, layer.multiplier);
+            value = match layer.op {
+                Op::Multiply => value * term,
+                Op::Add => value + term,
+                Op::Max => value.most(term),
+                Op::Min => value.least(term),
+            };
+        }
+        let weight = R::load(token, &scratch.weight[first..]);
+        (value * weight).store(&mut scratch.weight[first..]);
+        first += R::LANES;
     }
 }
 
