@@ -10,8 +10,8 @@ use crate::field::{Field, Lattice, Region, VOXELS};
 use crate::num::Level;
 use crate::scene::Scene;
 
-/// A point of the quadrature for so many voxels inside a tube: 8 % of the bake's own work.
-const VOXELS_A_POINT: u64 = 12;
+/// A point of the quadrature for so many voxels inside a tube: 7 % of the bake's own work.
+const VOXELS_A_POINT: u64 = 16;
 /// Points, at least and at most: a millisecond's, and so many that their errors no longer matter.
 const POINTS: [u64; 2] = [1 << 15, 1 << 20];
 
