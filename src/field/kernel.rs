@@ -7,10 +7,10 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels.
 
+use super::fractal::{fractal, pack_places};
 use super::join::{self, Joint};
 use super::region::{FOOT, LayerKind, Piece, ROWS, Region, SECOND, Search, U, V};
 use super::{EDGE, VOXELS};
-use crate::noise::band_weight;
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 use crate::scene::{Op, Radial};
@@ -55,8 +55,12 @@ pub struct Scratch<T> {
     /// The focal fade: only where feet are told apart.
     pub(super) focal: Vec<T>,
     pub(super) joint: Joint<T>,
+    /// Place in voxels from the block's centre: only where layers ask for it.
+    pub(super) place: [Vec<T>; 3],
+    /// The coordinates of a layer where its warp displaces them.
+    pub(super) displaced: [Vec<T>; 3],
     /// 0, 1, ... 15.
-    numbers: Vec<T>,
+    pub(super) numbers: Vec<T>,
 }
 
 impl<T: Scalar> Default for Scratch<T> {
@@ -73,6 +77,8 @@ impl<T: Scalar> Default for Scratch<T> {
             q: room(),
             focal: room(),
             joint: Joint::default(),
+            place: [room(), room(), room()],
+            displaced: [room(), room(), room()],
             numbers: (0..16_u8).map(|i| T::from_f64(f64::from(i))).collect(),
         }
     }
@@ -144,7 +150,10 @@ pub fn evaluate<R: Real>(
                     coordinates::<R>(token, piece, places, apart, scratch)
                 }
             };
-            layers::<R>(token, region, piece.layers, piece.fades, scratch, packed);
+            if piece.in_world {
+                pack_places::<R>(token, places, scratch);
+            }
+            layers::<R>(token, region, piece.layers, scratch, packed);
             if apart {
                 join::feet::<R>(token, tube, piece.arc, scratch);
             } else {
@@ -588,39 +597,23 @@ pub(super) fn layers<R: Real>(
     token: R::Token,
     region: &Region<R::Scalar>,
     [start, end]: [usize; 2],
-    fades: bool,
     scratch: &mut Scratch<R::Scalar>,
     packed: usize,
 ) {
     let mut first = 0;
     while first < packed {
-        let u = R::load(token, &scratch.u[first..]);
-        let v = R::load(token, &scratch.v[first..]);
-        let height = R::load(token, &scratch.height[first..]);
         let mut value = R::constant(token, 1.0);
         for layer in &region.layers[start..end] {
             let mut term = match &layer.kind {
                 LayerKind::Constant(constant) => R::splat(token, *constant),
                 LayerKind::Sectors => {
                     let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+                    let (u, v) = (R::load(token, &scratch.u[first..]), R::load(token, &scratch.v[first..]));
                     R::select(zero.lt(u * v), one, zero)
                 }
-                LayerKind::Fractal { octaves, rates } => {
-                    let mut sum = R::constant(token, 0.0);
-                    let log2 = if fades {
-                        let radius = R::load(token, &scratch.radius[first..]);
-                        log2_rate(token, rates, radius, R::load(token, &scratch.q[first..]))
-                    } else {
-                        sum
-                    };
-                    for octave in &region.octaves[octaves[0]..octaves[1]] {
-                        let mut value = octave.octave.value(token, [u, v, height]);
-                        if let Some(finer) = octave.fade {
-                            value = value * band_weight(token, log2 + R::splat(token, finer));
-                        }
-                        sum = sum + value;
-                    }
-                    sum
+                LayerKind::Perlin { sums, in_world } => {
+                    let sums = &region.sums[sums[0]..sums[1]];
+                    fractal(token, region, sums, *in_world, scratch, first)
                 }
             };
             if let Some(threshold) = layer.threshold {
@@ -638,17 +631,4 @@ pub(super) fn layers<R: Real>(
         (value * weight).store(&mut scratch.weight[first..]);
         first += R::LANES;
     }
-}
-
-/// log2 of the first octave's cells per voxel.
-#[inline(always)]
-fn log2_rate<R: Real>(token: R::Token, rates: &[R::Scalar; 3], radius: R, q: R) -> R {
-    let a2 = R::splat(token, rates[0]) / (radius * radius);
-    let b = R::splat(token, rates[1]);
-    let twist = R::splat(token, rates[2]);
-    let (b2, c2) = (b * b, twist * twist * q);
-    let sum = a2 + b2 + c2;
-    let root = (sum * sum - R::constant(token, 4.0) * a2 * b2).most(R::constant(token, 0.0)).sqrt();
-    let half = R::constant(token, 0.5);
-    ((sum + root) * half).log2() * half
 }

@@ -7,14 +7,17 @@
 
 use std::f64::consts::{PI, TAU};
 
+use glam::DVec3;
+
 use super::kernel::{self, Scratch};
+use super::narrow::Block;
 use super::region::Region;
 use super::span::MOST_GAIN;
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice, VOXELS};
 use crate::num::quadrature::gauss_legendre;
 use crate::num::{Real, Scalar};
-use crate::scene::{self, Caps, Conserve, Overlap, Radial, Scene};
+use crate::scene::{self, Caps, Conserve, Overlap, Radial, Scene, Space};
 
 /// The golden angle in turns.
 const GOLDEN: f64 = 0.381_966_011_250_105_15;
@@ -57,6 +60,9 @@ pub struct Slice {
     weight: f64,
     /// Cosine and sine by which the disc is turned.
     turn: [f64; 2],
+    /// Where the disc is in the world, and where u and v point there.
+    centre: DVec3,
+    axes: [DVec3; 2],
     /// Radius in metres, which octaves fade by.
     radius: f64,
     is_deformed: bool,
@@ -122,14 +128,19 @@ impl Cylinders {
         let points = &self.disc(slice).points[first..];
         let count = points.len().min(VOXELS);
         let radius = T::from_f64(slice.radius / lattice.voxel_size);
+        let axes = slice.axes.map(|axis| axis * (slice.radius / lattice.voxel_size));
         for (i, &[u, v, _]) in points[..count].iter().enumerate() {
             let [u, v] = slice.turned([u, v]);
+            let place = axes[0] * u + axes[1] * v;
             scratch.u[i] = T::from_f64(u);
             scratch.v[i] = T::from_f64(v);
             scratch.height[i] = T::from_f64(0.0);
             scratch.weight[i] = T::from_f64(1.0);
             scratch.radius[i] = radius;
             scratch.q[i] = T::from_f64(u * u + v * v);
+            for axis in 0..3 {
+                scratch.place[axis][i] = T::from_f64(place[axis]);
+            }
         }
         count
     }
@@ -214,19 +225,15 @@ impl Field {
         cylinders
     }
 
-    /// Narrows the field to the layers of a slice, whose points have height 0; says whether any octave fades there.
-    /// `region` is overwritten.
-    pub fn narrow_to_slice<T: Scalar>(
-        &self,
-        lattice: Lattice,
-        slice: &Slice,
-        region: &mut Region<T>,
-    ) -> bool {
+    /// Narrows the field to the layers of a slice, whose points have height 0, with patterns in the world as the disc's image
+    /// has them. `region` is overwritten.
+    pub fn narrow_to_slice<T: Scalar>(&self, lattice: Lattice, slice: &Slice, region: &mut Region<T>) {
         region.pieces.clear();
         region.layers.clear();
+        region.sums.clear();
         region.octaves.clear();
-        let (arc, tube) = (slice.arc, &self.tubes[slice.tube]);
-        self.layers(tube, [arc; 2], arc, lattice.voxel_size, region).1
+        let block = Block { centre: slice.centre, h: lattice.voxel_size, half_edge: 0.0 };
+        self.layers(&self.tubes[slice.tube], [slice.arc; 2], slice.arc, block, region);
     }
 }
 
@@ -235,11 +242,10 @@ impl Field {
 pub fn evaluate<R: Real>(
     token: R::Token,
     region: &Region<R::Scalar>,
-    fades: bool,
     scratch: &mut Scratch<R::Scalar>,
     count: usize,
 ) {
-    kernel::layers::<R>(token, region, [0, region.layers.len()], fades, scratch, count);
+    kernel::layers::<R>(token, region, [0, region.layers.len()], scratch, count);
 }
 
 /// Points of a tube, at least.
@@ -362,12 +368,17 @@ impl Layout<'_> {
     fn cells(&self) -> [f64; 2] {
         let mut cells = [0.0_f64; 2];
         for layer in &self.tube.layers {
-            if let LayerKind::Fractal(fractal) = &layer.kind
-                && !fractal.octaves.is_empty()
-            {
-                cells[0] = cells[0].max(fractal.rate[0]);
-                cells[1] = cells[1].max(fractal.rate[1] * self.tube.height_rate() * self.tube.curve.length());
+            let LayerKind::Perlin(perlin) = &layer.kind else { continue };
+            if perlin.sum.octaves.is_empty() {
+                continue;
             }
+            let [u, v, l] = perlin.sum.frequency;
+            let (across, along) = match perlin.space {
+                Space::Cylinder => (u.max(v), l * self.tube.height_rate()),
+                Space::World => (u.max(v).max(l) * self.tube.radius.range([0.0, 1.0])[1], u.max(v).max(l)),
+            };
+            cells[0] = cells[0].max(across);
+            cells[1] = cells[1].max(along * self.tube.curve.length());
         }
         cells
     }
@@ -390,6 +401,7 @@ impl Layout<'_> {
             if along.is_finite() { along } else { 0.0 }
         });
         let (sin, cos) = (libm::sin(phi), libm::cos(phi));
+        let axes = [frame.normal * cos + frame.binormal * sin, frame.binormal * cos - frame.normal * sin];
         let axial = match tube.caps {
             Caps::Fade(fraction) => smoothstep(x / fraction) * smoothstep((1.0 - x) / fraction),
             Caps::Flat | Caps::Round => 1.0,
@@ -403,6 +415,8 @@ impl Layout<'_> {
             arc,
             weight: volume * width * axial,
             turn: [libm::cos(turn), libm::sin(turn)],
+            centre: curve.segments()[segment].at(t),
+            axes,
             radius,
             is_deformed: !tube.radius.vanishes_at(x),
             bend: [n * cos + b * sin, b * cos - n * sin],

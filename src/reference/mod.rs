@@ -26,6 +26,7 @@
 
 mod axis;
 mod noise;
+mod pattern;
 mod piece;
 mod quadrature;
 mod radius;
@@ -35,11 +36,13 @@ mod roots;
 mod tests;
 mod transport;
 
-pub use noise::{fbm, octave_weight, perlin};
+pub use noise::{octave_weight, perlin, perlin_around};
+pub use pattern::fbm;
 
-use crate::scene::{Caps, Conserve, Layer, Op, Overlap, Pattern, Radial, Scene, Tube};
+use crate::scene::{Caps, Conserve, Layer, Op, Overlap, Pattern, Radial, Scene, Space, Tube};
 use axis::{Axis, Place};
 use nalgebra::{Matrix2, Vector3};
+use pattern::{Ground, pattern};
 use radius::Radius;
 use std::f64::consts::TAU;
 
@@ -192,7 +195,7 @@ impl Bent {
                 continue;
             }
             let fade = smoothstep(0.0, 0.2, at.focal);
-            let unfaded = self.gain(&at) * self.contribution(&at, voxel_size);
+            let unfaded = self.gain(&at) * self.contribution(p, &at, voxel_size);
             let density = if self.tube.overlap == Overlap::Closest { unfaded } else { fade * unfaded };
             let rim = 1.0 - at.q().sqrt();
             voices.push((
@@ -255,7 +258,7 @@ impl Bent {
     }
 
     /// The density of the tube before it is deformed.
-    fn contribution(&self, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
+    fn contribution(&self, p: [f64; 3], at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let radial = match self.tube.radial {
             Radial::Smooth => (1.0 - distance * distance) * (1.0 - distance * distance),
@@ -269,7 +272,7 @@ impl Bent {
         };
         let mut value = 1.0;
         for layer in &self.tube.layers {
-            let term = self.term(layer, at, voxel_size);
+            let term = self.term(layer, p, at, voxel_size);
             value = match layer.op {
                 Op::Multiply => value * term,
                 Op::Add => value + term,
@@ -280,13 +283,25 @@ impl Bent {
         radial * axial * value
     }
 
-    fn term(&self, layer: &Layer, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
+    fn term(&self, layer: &Layer, p: [f64; 3], at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let pattern = match &layer.pattern {
             Pattern::Constant(value) => *value,
             Pattern::Sectors => f64::from(at.u * at.v > 0.0),
             Pattern::Perlin(noise) => {
-                let cells = voxel_size.map(|h| h * self.rate(noise.frequency, at));
-                fbm(noise, [at.u, at.v, at.l], cells)
+                let rate = |frequency: [f64; 3]| match noise.space {
+                    Space::Cylinder => self.rate(frequency, at),
+                    Space::World => Vector3::from(frequency).max(),
+                };
+                let cells_per_voxel = |frequency| voxel_size.map(|h| h * rate(frequency));
+                let is_loop = self.tube.curve.is_closed() && noise.space == Space::Cylinder;
+                pattern(
+                    noise,
+                    &Ground {
+                        position: if noise.space == Space::World { p } else { [at.u, at.v, at.l] },
+                        around: is_loop.then(|| if self.tube.stretch { 1.0 } else { self.axis.length() }),
+                        cells_per_voxel: &cells_per_voxel,
+                    },
+                )
             }
         };
         layer.multiplier * layer.threshold.map_or(pattern, |threshold| (pattern - threshold).max(0.0))

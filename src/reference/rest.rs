@@ -21,7 +21,9 @@ impl Reference {
             radius: bent.wide(bent.radius.at(l)),
             focal: 1.0,
         };
-        if at.q() <= 1.0 { bent.contribution(&at, self.voxel_size) } else { 0.0 }
+        // A pattern over the world is the one that the point's image has.
+        let p = self.world(tube, [u, v, l]);
+        if at.q() <= 1.0 { bent.contribution(p, &at, self.voxel_size) } else { 0.0 }
     }
 
     /// The world point, metres, that (u, v, l) of that cylinder is mapped to.

@@ -85,3 +85,15 @@ pub(crate) static DEGREES: Limit = Limit {
     noun: "degrees above 0 and below 180",
     range: "degrees above 0 and below 180 (0.001 to 179.999)",
 };
+
+/// Cells of noise that a warp displaces by.
+pub(crate) static CELLS: Limit =
+    Limit { low: 0.0, high: 1000.0, noun: "a number, at least 0", range: "a number of cells from 0 to 1000" };
+
+/// A temperature.
+pub(crate) static KELVIN: Limit = Limit {
+    low: 0.0,
+    high: LARGEST,
+    noun: "a temperature in kelvin, at least 0",
+    range: "kelvin, at least 0 (and at most 1e9)",
+};

@@ -134,6 +134,7 @@ impl<'a> Item<'a> {
         self.value.span()
     }
 
+    /// The key it belongs to.
     pub(super) fn key(&self) -> &'static str {
         self.key
     }

@@ -116,11 +116,11 @@ impl Worker {
         lattice: Lattice,
         level: Level,
     ) -> Masses {
-        let fades = field.narrow_to_slice(lattice, slice, &mut self.region);
+        field.narrow_to_slice(lattice, slice, &mut self.region);
         let mut masses = Masses::default();
         for first in (0..cylinders.points(slice)).step_by(VOXELS) {
             let count = cylinders.place(slice, lattice, first, &mut self.scratch);
-            evaluate_slice(level, &self.region, fades, &mut self.scratch, count);
+            evaluate_slice(level, &self.region, &mut self.scratch, count);
             masses.add(&cylinders.gather(slice, first, count, &self.scratch));
         }
         masses

@@ -286,8 +286,9 @@ fn plan_bounds_what_the_bake_takes() {
 fn plan_knows_the_length_of_an_empty_file() {
     let folder = Folder::new();
     folder.put("empty.toml", "");
+    folder.put("missed.toml", SCENE.replace("[bake]", "[bake]\nwiden = false"));
     // Without bricks nothing of the file depends on the density.
-    for arguments in [&["empty.toml"][..], &["bent.toml", "--voxel-size", "100"]] {
+    for arguments in [&["empty.toml"][..], &["missed.toml", "--voxel-size", "100"]] {
         let with = |command| folder.json(&[&[command], arguments].concat());
         let (plan, bake) = (with("plan"), with("bake"));
         assert_eq!(number(&plan["planned_bricks"]), 0);

@@ -4,6 +4,7 @@
 mod animation;
 mod cli;
 mod consumers;
+mod detail;
 mod files;
 mod gates_bake;
 mod gates_cover;
