@@ -1,9 +1,10 @@
 //! The tubes' cylinders at rest, laid out in slices for the quadrature of their mass.
 //!
-//! Along a cylinder: composite Gauss-Legendre quadrature, on panels that end where the faded ends do, at the radius's keys
-//! and at the curve's joints. Across it: rings at Gauss-Legendre nodes of the distance to the axis, each of evenly spaced
-//! points (the trapezoidal rule, which converges like Gauss's for what is smooth around the axis). Every slice is turned
-//! against the one before it by the golden angle, so that where noise is finer than the points, its samples do not repeat.
+//! Along a cylinder: composite Gauss-Legendre quadrature, on panels that end where the faded ends do, at the radius's
+//! keys and at the curve's joints. Across it: rings at Gauss-Legendre nodes of the distance to the axis, each of
+//! evenly spaced points (the trapezoidal rule, which converges like Gauss's for what is smooth around the axis). Every
+//! slice is turned against the one before it by the golden angle, so that where noise is finer than the points, its
+//! samples do not repeat.
 
 use std::f64::consts::{PI, TAU};
 
@@ -225,8 +226,8 @@ impl Field {
         cylinders
     }
 
-    /// Narrows the field to the layers of a slice, whose points have height 0, with patterns in the world as the disc's image
-    /// has them. `region` is overwritten.
+    /// Narrows the field to the layers of a slice, whose points have height 0, with patterns in the world as the
+    /// disc's image has them. `region` is overwritten.
     pub fn narrow_to_slice<T: Scalar>(&self, lattice: Lattice, slice: &Slice, region: &mut Region<T>) {
         region.pieces.clear();
         region.layers.clear();
@@ -331,8 +332,8 @@ impl Layout<'_> {
         fine
     }
 
-    /// Appends the ends of parts of an interval along which, where the focal set is near, bending changes by little; no more
-    /// than `left` of them.
+    /// Appends the ends of parts of an interval along which, where the focal set is near, bending changes by little;
+    /// no more than `left` of them.
     fn halve(&self, [start, end]: [f64; 2], left: &mut f64, ends: &mut Vec<f64>) {
         /// The focal fade begins at 0.8.
         const BENT: f64 = 0.75;
@@ -437,7 +438,8 @@ impl Layout<'_> {
     fn cap(&self, x: f64) -> Option<Slice> {
         let mut slice = self.slice(x, 1.0, 2, 0, 0.0);
         let own = self.tube.radius.own(x);
-        // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is thinner.
+        // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is
+        // thinner.
         let gain = match self.rest.conserve {
             Conserve::Off => own * own / (slice.radius * slice.radius),
             Conserve::Radius | Conserve::Full => {
