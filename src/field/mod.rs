@@ -97,6 +97,7 @@ mod cover;
 mod detail;
 mod explain;
 mod extent;
+mod feet;
 mod fractal;
 mod join;
 pub mod kernel;
