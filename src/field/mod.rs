@@ -75,13 +75,14 @@
 //!
 //! # Mass
 //!
-//! Before it is deformed, a tube is a straight cylinder of the rest radius and of the rest length (where it is not stretched,
-//! of the curve's), with the density `max(0, radial(sqrt(q)) * axial(s / L) * layers(u, v, l))` and octaves that fade as
-//! they do after it. The integral of that, in metres^3 since density has no unit, is its *mass at rest*; those of all tubes
-//! add up. What lies at `kappa rho cos >= 1`, or where there is no tube because of its radius, has no image and is *lost*.
-//! A volume elsewhere becomes `(1 - kappa rho cos) r^2 L / V0` of itself (V0 with the cylinder's true length), its density `gain * focal` of
-//! itself: the integral of both over the cylinder is the mass to *expect* of a tube without round ends or corners whose feet
-//! meet neither each other nor those of another tube.
+//! Before it is deformed, a tube is a straight cylinder of the rest radius and of the rest length (where it is not
+//! stretched, of the curve's), with the density `max(0, radial(sqrt(q)) * axial(s / L) * layers(u, v, l))`. Octaves fade as
+//! they do after it, and a pattern over the world is the one at the place where a point comes to lie. The integral of that,
+//! in metres^3 since density has no unit, is the tube's *mass at rest*; those of all tubes add up. What lies at
+//! `kappa rho cos >= 1`, or where there is no tube because of its radius, has no image and is *lost*. A volume elsewhere
+//! becomes `(1 - kappa rho cos) r^2 L / V0` of itself (V0 with the cylinder's true length), its density `gain * focal` of
+//! itself: the integral of both over the cylinder is the mass to *expect* of a tube without round ends or corners whose
+//! feet meet neither each other nor those of another tube.
 //!
 //! # How it is evaluated
 //!
@@ -96,6 +97,7 @@ mod cover;
 mod detail;
 mod explain;
 mod extent;
+mod feet;
 mod join;
 pub mod kernel;
 mod layers;

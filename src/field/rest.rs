@@ -1,9 +1,10 @@
 //! The tubes' cylinders at rest, laid out in slices for the quadrature of their mass.
 //!
-//! Along a cylinder: composite Gauss-Legendre quadrature, on panels that end where the faded ends do, at the radius's keys
-//! and at the curve's joints. Across it: rings at Gauss-Legendre nodes of the distance to the axis, each of evenly spaced
-//! points (the trapezoidal rule, which converges like Gauss's for what is smooth around the axis). Every slice is turned
-//! against the one before it by the golden angle, so that where noise is finer than the points, its samples do not repeat.
+//! Along a cylinder: composite Gauss-Legendre quadrature, on panels that end where the faded ends do, at the radius's
+//! keys and at the curve's joints. Across it: rings at Gauss-Legendre nodes of the distance to the axis, each of
+//! evenly spaced points (the trapezoidal rule, which converges like Gauss's for what is smooth around the axis). Every
+//! slice is turned against the one before it by the golden angle, so that where noise is finer than the points, its
+//! samples do not repeat.
 
 use std::f64::consts::{PI, TAU};
 
@@ -226,8 +227,8 @@ impl Field {
         cylinders
     }
 
-    /// Narrows the field to the layers of a slice, whose points have height 0, with patterns in the world as the disc's image
-    /// has them. `region` is overwritten.
+    /// Narrows the field to the layers of a slice, whose points have height 0, with patterns in the world as the
+    /// disc's image has them. `region` is overwritten.
     pub fn narrow_to_slice<T: Scalar>(&self, lattice: Lattice, slice: &Slice, region: &mut Region<T>) {
         region.pieces.clear();
         region.layers.clear();
@@ -324,7 +325,45 @@ impl Layout<'_> {
         }
         breaks.sort_by(f64::total_cmp);
         breaks.dedup_by(|b, a| *b - *a < 1e-9);
-        breaks
+        let mut fine = vec![0.0];
+        let mut left = points / 512.0;
+        for ends in breaks.windows(2) {
+            self.halve([ends[0], ends[1]], &mut left, &mut fine);
+        }
+        fine
+    }
+
+    /// Appends the ends of parts of an interval along which, where the focal set is near, bending changes by little;
+    /// no more than `left` of them.
+    fn halve(&self, [start, end]: [f64; 2], left: &mut f64, ends: &mut Vec<f64>) {
+        /// The focal fade begins at 0.8.
+        const BENT: f64 = 0.75;
+        const CHANGE: f64 = 0.2;
+        const SHORTEST: f64 = 1e-4;
+        let [mut least, mut most] = [f64::INFINITY, 0.0_f64];
+        for part in [0.001, 0.25, 0.5, 0.75, 0.999] {
+            let bend = self.bend(start + part * (end - start));
+            least = least.min(bend);
+            most = most.max(bend);
+        }
+        if most < BENT || most - least < CHANGE * most || end - start < SHORTEST || *left < 1.0 {
+            ends.push(end);
+            return;
+        }
+        *left -= 1.0;
+        let middle = 0.5 * (start + end);
+        self.halve([start, middle], left, ends);
+        self.halve([middle, end], left, ends);
+    }
+
+    /// Curvature times radius.
+    fn bend(&self, x: f64) -> f64 {
+        let curve = &self.tube.curve;
+        let (segment, t) = curve.locate(x * curve.length());
+        let (d1, d2) = (curve.segments()[segment].d1(t), curve.segments()[segment].d2(t));
+        let speed = d1.length();
+        let bend = d1.cross(d2).length() / (speed * speed * speed) * self.tube.radius.at(x);
+        if bend.is_finite() { bend } else { 0.0 }
     }
 
     /// Cells of noise in the first octave over the radius, and along the tube.
@@ -400,7 +439,8 @@ impl Layout<'_> {
     fn cap(&self, x: f64) -> Option<Slice> {
         let mut slice = self.slice(x, 1.0, 2, 0, 0.0);
         let own = self.tube.radius.own(x);
-        // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is thinner.
+        // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is
+        // thinner.
         let gain = match self.rest.conserve {
             Conserve::Off => own * own / (slice.radius * slice.radius),
             Conserve::Radius | Conserve::Full => {

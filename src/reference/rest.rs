@@ -1,11 +1,12 @@
 //! The cylinder at rest, and the map that deforms it: the other way round from what the density needs.
 
 use super::{Cylindrical, Reference};
+use crate::scene::{Layer, Pattern, Space};
 use std::f64::consts::TAU;
 
 impl Reference {
-    /// The density at rest at (u, v, l) of the cylinder of tube number `tube`, before anything below 0 is cut off; l is 0 to
-    /// 1 from end to end, whether or not the tube is stretched.
+    /// The density at rest at (u, v, l) of the cylinder of tube number `tube`, before anything below 0 is cut off; l
+    /// is 0 to 1 from end to end, whether or not the tube is stretched.
     ///
     /// # Panics
     ///
@@ -21,8 +22,10 @@ impl Reference {
             radius: bent.wide(bent.radius.at(l)),
             focal: 1.0,
         };
-        // A pattern over the world is the one that the point's image has.
-        let p = self.world(tube, [u, v, l]);
+        // A pattern over the world is the one that the point's image has. To find that takes long.
+        let in_world =
+            |layer: &Layer| matches!(&layer.pattern, Pattern::Perlin(noise) if noise.space == Space::World);
+        let p = if bent.tube.layers.iter().any(in_world) { self.world(tube, [u, v, l]) } else { [0.0; 3] };
         if at.q() <= 1.0 { bent.contribution(p, &at, self.voxel_size) } else { 0.0 }
     }
 

@@ -9,9 +9,9 @@ const CLASSES: usize = PARTS * PARTS * PARTS;
 
 /// A sum of values, kept apart for the 27 lattices of three times the voxel size that the voxels fall into.
 ///
-/// Each of them, times 27, is a coarser sum over the same field; how far they are from each other tells how well the whole
-/// is known as an integral. (Of the eight lattices of twice the voxel size, all have the same sum where a density is symmetric
-/// about the planes between voxels, as a tube along a coordinate axis is.)
+/// Each of them, times 27, is a coarser sum over the same field; how far they are from each other tells how well the
+/// whole is known as an integral. (Of the eight lattices of twice the voxel size, all have the same sum where a
+/// density is symmetric about the planes between voxels, as a tube along a coordinate axis is.)
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Total {
     classes: [f64; CLASSES],
@@ -44,8 +44,9 @@ impl Total {
         self.classes.iter().sum()
     }
 
-    /// Relative error of the sum as an integral: two standard deviations, if those of the coarser sums are independent, as
-    /// they are where a density ends in a jump. Of smooth densities they are not, and cancel: the error is then much smaller.
+    /// Relative error of the sum as an integral: two standard deviations, if those of the coarser sums are
+    /// independent, as they are where a density ends in a jump. Of smooth densities they are not, and cancel: the
+    /// error is then much smaller.
     pub fn error(&self) -> f64 {
         #[allow(clippy::cast_precision_loss, reason = "27")]
         let count = CLASSES as f64;

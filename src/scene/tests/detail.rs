@@ -53,27 +53,27 @@ error: key `offset` does not belong to noise "sectors"
 #[test]
 fn warps_out_of_bounds() {
     let found = messages(
-        "[[tube.layer]]\nwarp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, gane = 1 }\n\
+        "[[tube.layer]]\nwarp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, sead = 1 }\n\
          [[tube.layer]]\nwarp = 0.5\n[[tube.layer]]\nwarp = { lacunarity = 1e9, octaves = 3 }\n",
     );
     let expected = r#"
 error: `amplitude` is out of range
  --> scene.toml:4:22
   |
-4 | warp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, gane = 1 }
+4 | warp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, sead = 1 }
   |                      ^^^^ expected a number of cells from 0 to 1000
 
 error: `octaves` is out of range
  --> scene.toml:4:38
   |
-4 | warp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, gane = 1 }
+4 | warp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, sead = 1 }
   |                                      ^ expected a whole number from 1 to 32
 
-error: unknown key `gane` in warp
+error: unknown key `sead` in warp
  --> scene.toml:4:59
   |
-4 | warp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, gane = 1 }
-  |                                                           ^^^^ did you mean `gain`?
+4 | warp = { amplitude = 2000, octaves = 0, lacunarity = 1e9, sead = 1 }
+  |                                                           ^^^^ did you mean `seed`?
 
 error: wrong type for `warp`
  --> scene.toml:6:8
@@ -100,7 +100,7 @@ fn colours_and_temperatures_that_are_none() {
     );
     let expected = r#"
 error: wrong length for a key of `color`
- --> scene.toml:3:41
+ --> scene.toml:3:40
   |
 3 | color = [[0.5, 1, 1, 1], [0, 1, 1, 1], [1, 1, 1]]
   |                                        ^^^^^^^^^ expected a key [l, r, g, b], found 3
@@ -112,7 +112,7 @@ error: `temperature` is out of range
   |               ^^ expected kelvin, at least 0 (and at most 1e9)
 
 error: `color` is out of range
- --> scene.toml:7:34
+ --> scene.toml:7:33
   |
 7 | color = [[0.5, 1, 1, 1], [0, 1, -1, 1]]
   |                                 ^^ expected a number, at least 0 (and at most 1e9)
