@@ -53,7 +53,9 @@ struct Report {
     several_feet_voxels: u64,
     beyond_focal_voxels: u64,
     active_voxels: u64,
-    /// Of these, whose density was beyond the range of the precision, and was clamped.
+    /// That store a mean over their cell, since an edge passes through it.
+    antialiased_voxels: u64,
+    /// Of the active, whose density was beyond the range of the precision, and was clamped.
     clamped_voxels: u64,
     leaves: u64,
     tiles: u64,
@@ -279,6 +281,7 @@ fn bake(
         several_feet_voxels: tally.several_feet_voxels,
         beyond_focal_voxels: tally.beyond_focal_voxels,
         active_voxels: tally.active_voxels,
+        antialiased_voxels: tally.antialiased_voxels,
         clamped_voxels: tally.clamped_voxels,
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),

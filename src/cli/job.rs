@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::frames::Frames;
 use super::memory::{self, Amount};
-use super::recipe::{Recipe, Settings, compression_name, precision_name};
+use super::recipe::{Recipe, Settings, antialias_name, compression_name, precision_name};
 use super::{Failure, text};
 use crate::field::{self, Field};
 use crate::formats::vdb::{
@@ -226,6 +226,7 @@ impl Job {
             cutoff: scene.bake().cutoff,
             octave_fade: scene.bake().octave_fade,
             widen: scene.bake().widen,
+            antialias: antialias_name(scene.bake().antialias),
         };
         let budget = options.scene.budget();
         // What earlier frames took is given back, and must not count for this one.

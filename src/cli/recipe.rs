@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::text::hexadecimal;
 use crate::formats::vdb::{Compression, Meta, Metadata, Precision};
-use crate::scene::Input;
+use crate::scene::{Antialias, Input};
 
 /// The program and its version.
 const CREATOR: &str = concat!("vdbake ", env!("CARGO_PKG_VERSION"));
@@ -27,6 +27,15 @@ pub(super) struct Settings {
     pub(super) cutoff: f64,
     pub(super) octave_fade: bool,
     pub(super) widen: bool,
+    pub(super) antialias: &'static str,
+}
+
+/// An anti-aliasing's word in a scene.
+pub(super) fn antialias_name(antialias: Antialias) -> &'static str {
+    match antialias {
+        Antialias::Off => "off",
+        Antialias::Adaptive => "adaptive",
+    }
 }
 
 /// A compression's word on the command line.
@@ -121,13 +130,14 @@ mod tests {
             cutoff: 0.0,
             octave_fade: true,
             widen: true,
+            antialias: "adaptive",
         }
     }
 
     #[test]
     fn settings_have_one_form() {
         let recipe = Recipe::new("", &[], &settings()).expect("settings");
-        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"precision":"f32","compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true}"#;
+        let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"precision":"f32","compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true,"antialias":"adaptive"}"#;
         assert_eq!(recipe.settings, expected);
         let frame = Recipe::new("", &[], &Settings { frame: Some(-7), ..settings() }).expect("settings");
         assert_eq!(frame.settings, expected.replace(r#""time":0.0,"#, r#""time":0.0,"frame":-7,"#));

@@ -147,6 +147,11 @@ impl Capsule {
     /// Complete: a block with a place, in its `extent`, within the radius of a foot in this interval, or of the point on
     /// its outer side, is visited. Visits no block twice.
     pub fn blocks(&self, field: &Field, lattice: Lattice, extent: Extent, mut visit: impl FnMut([i64; 3])) {
+        self.near(field, lattice, extent).visit(|block, _| visit(block));
+    }
+
+    /// What decides whether a place of a block may have its foot here.
+    pub(crate) fn near<'a>(&'a self, field: &'a Field, lattice: Lattice, extent: Extent) -> Near<'a> {
         let tube = &field.tubes[self.tube as usize];
         let h = lattice.voxel_size;
         let half_edge = extent.half_edge() * h;
@@ -159,13 +164,14 @@ impl Capsule {
             let distance = self.radius + reach.half * reach.speed;
             (reach, reach.d1, reach.half * reach.slope(distance) * (1.0 + 1e-9))
         };
-        let around = self.radius + reach.half * reach.speed + half_edge;
-        walk(reach.centre, around, normal, slack + half_edge * support(normal), 8.0 * h, |block, o| {
-            let keep = !reach.is_far(o, half_edge, self.radius) && self.faces(tube, o, half_edge);
-            if keep {
-                visit(block);
-            }
-        });
+        let slab = Slab {
+            centre: reach.centre,
+            extent: self.radius + reach.half * reach.speed + half_edge,
+            normal,
+            slack: slack + half_edge * support(normal),
+            edge: 8.0 * h,
+        };
+        Near { capsule: self, tube, reach, half_edge, slab }
     }
 
     /// For points: whether the block has voxels on the side where the point is their foot.
@@ -182,51 +188,109 @@ impl Capsule {
     }
 }
 
-/// Visits blocks of edge `edge` whose centre lies within `extent` of `centre` along every axis and within `slack` of the
-/// plane through `centre` across `normal` (measured as `|(o - centre) . normal|`), row by row along the normal's largest
-/// component, so that a thin slab of a wide disc costs its own size only.
-#[allow(
-    clippy::cast_possible_truncation,
-    reason = "block coordinates are checked to fit before bricks are planned"
-)]
-fn walk(
+/// The blocks in which a place may have its foot in one capsule.
+pub(crate) struct Near<'a> {
+    capsule: &'a Capsule,
+    tube: &'a Tube,
+    reach: Reach,
+    half_edge: f64,
+    slab: Slab,
+}
+
+impl Near<'_> {
+    /// Calls `visit` with the coordinates, in blocks, and the centre of each.
+    pub(crate) fn visit(&self, mut visit: impl FnMut([i64; 3], DVec3)) {
+        self.slab.visit(|block, o| {
+            if self.faces(o) {
+                visit(block, o);
+            }
+        });
+    }
+
+    /// Whether a block, centred at `o`, is one of them.
+    pub(crate) fn reaches(&self, block: [i64; 3], o: DVec3) -> bool {
+        self.slab.holds(block, o) && self.faces(o)
+    }
+
+    fn faces(&self, o: DVec3) -> bool {
+        !self.reach.is_far(o, self.half_edge, self.capsule.radius)
+            && self.capsule.faces(self.tube, o, self.half_edge)
+    }
+}
+
+/// Blocks of edge `edge` whose centre lies within `extent` of `centre` along every axis and within `slack` of the plane
+/// through `centre` across `normal` (measured as `|(o - centre) . normal|`).
+struct Slab {
     centre: DVec3,
     extent: f64,
     normal: DVec3,
     slack: f64,
     edge: f64,
-    mut visit: impl FnMut([i64; 3], DVec3),
-) {
-    let along = normal.abs().max_position();
-    let (first, second) = ((along + 1) % 3, (along + 2) % 3);
-    // Block b is centred at (b + 1/2) edge.
-    let range = |axis: usize| {
-        let place = centre[axis] / edge - 0.5;
-        ((place - extent / edge).floor() as i64, (place + extent / edge).ceil() as i64)
-    };
-    let place = |b: i64| (b as f64 + 0.5) * edge;
-    let whole = range(along);
-    let steepness = normal[along];
-    for i in range(first).0..=range(first).1 {
-        for j in range(second).0..=range(second).1 {
-            let mut o = DVec3::ZERO;
-            o[first] = place(i);
-            o[second] = place(j);
-            let (mut low, mut high) = whole;
-            if steepness != 0.0 {
-                let rest = (o[first] - centre[first]) * normal[first]
-                    + (o[second] - centre[second]) * normal[second];
-                let ends = [(-slack - rest) / steepness, (slack - rest) / steepness];
-                let to_block = |x: f64| (centre[along] + x) / edge - 0.5;
-                low = low.max(to_block(ends[0].min(ends[1])).floor() as i64);
-                high = high.min(to_block(ends[0].max(ends[1])).ceil() as i64);
-            }
-            for k in low..=high {
-                o[along] = place(k);
-                let mut block = [0; 3];
-                (block[first], block[second], block[along]) = (i, j, k);
-                visit(block, o);
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "block coordinates are checked to fit before bricks are planned"
+)]
+impl Slab {
+    /// Visits them row by row along the normal's largest component, so that a thin slab of a wide disc costs its own size
+    /// only.
+    fn visit(&self, mut visit: impl FnMut([i64; 3], DVec3)) {
+        let [along, first, second] = self.axes();
+        for i in self.range(first).0..=self.range(first).1 {
+            for j in self.range(second).0..=self.range(second).1 {
+                let mut o = DVec3::ZERO;
+                o[first] = self.place(i);
+                o[second] = self.place(j);
+                let (low, high) = self.row(o);
+                for k in low..=high {
+                    o[along] = self.place(k);
+                    let mut block = [0; 3];
+                    (block[first], block[second], block[along]) = (i, j, k);
+                    visit(block, o);
+                }
             }
         }
+    }
+
+    /// Whether a block, centred at `o`, is one of them.
+    fn holds(&self, block: [i64; 3], o: DVec3) -> bool {
+        let [along, first, second] = self.axes();
+        let within = |(low, high): (i64, i64), axis: usize| low <= block[axis] && block[axis] <= high;
+        within(self.range(first), first) && within(self.range(second), second) && within(self.row(o), along)
+    }
+
+    /// The axis that rows run along, and the others.
+    fn axes(&self) -> [usize; 3] {
+        let along = self.normal.abs().max_position();
+        [along, (along + 1) % 3, (along + 2) % 3]
+    }
+
+    /// Block b is centred at (b + 1/2) edge.
+    fn place(&self, b: i64) -> f64 {
+        (b as f64 + 0.5) * self.edge
+    }
+
+    fn range(&self, axis: usize) -> (i64, i64) {
+        let place = self.centre[axis] / self.edge - 0.5;
+        ((place - self.extent / self.edge).floor() as i64, (place + self.extent / self.edge).ceil() as i64)
+    }
+
+    /// The part of a row that lies in the slab; of `o` the coordinates across the row are read.
+    fn row(&self, o: DVec3) -> (i64, i64) {
+        let [along, first, second] = self.axes();
+        let (centre, normal) = (self.centre, self.normal);
+        let (low, high) = self.range(along);
+        let steepness = normal[along];
+        if steepness == 0.0 {
+            return (low, high);
+        }
+        let rest = (o[first] - centre[first]) * normal[first] + (o[second] - centre[second]) * normal[second];
+        let ends = [(-self.slack - rest) / steepness, (self.slack - rest) / steepness];
+        let to_block = |x: f64| (centre[along] + x) / self.edge - 0.5;
+        (
+            low.max(to_block(ends[0].min(ends[1])).floor() as i64),
+            high.min(to_block(ends[0].max(ends[1])).ceil() as i64),
+        )
     }
 }

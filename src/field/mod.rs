@@ -95,6 +95,7 @@
 
 mod cover;
 mod detail;
+mod edges;
 mod explain;
 mod extent;
 mod feet;
@@ -116,7 +117,7 @@ pub use extent::extent;
 pub use narrow::Candidate;
 pub use region::Region;
 
-use crate::scene::{Overlap, Scene};
+use crate::scene::{Antialias, Overlap, Scene};
 use tube::Tube;
 
 /// The cubic arrangement of voxels: voxel i along an axis is the cell from `i h` to `(i + 1) h` and its sample is the
@@ -158,6 +159,7 @@ pub struct Field {
     overlap: Overlap,
     octave_fade: bool,
     widen: bool,
+    antialias: Antialias,
 }
 
 impl Field {
@@ -165,7 +167,13 @@ impl Field {
     pub fn compile(scene: &Scene) -> Field {
         let tubes = scene.tubes().iter().map(Tube::compile).collect();
         let bake = scene.bake();
-        Field { tubes, overlap: scene.overlap(), octave_fade: bake.octave_fade, widen: bake.widen }
+        Field {
+            tubes,
+            overlap: scene.overlap(),
+            octave_fade: bake.octave_fade,
+            widen: bake.widen,
+            antialias: bake.antialias,
+        }
     }
 
     /// Widens what is too thin for a lattice, where the scene says so. Without this the field is that of an endlessly fine

@@ -4,7 +4,7 @@
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
 use crate::scene::{
-    Bake, Camera, Conserve, Fbm, Form, Medium, Overlap, Rest, Space, Step, TimeBase, Warnings,
+    Antialias, Bake, Camera, Conserve, Fbm, Form, Medium, Overlap, Rest, Space, Step, TimeBase, Warnings,
 };
 use glam::DVec3;
 
@@ -54,7 +54,13 @@ fn tube(segments: Vec<Segment>) -> Tube {
 fn scene(tubes: Vec<Tube>) -> Scene {
     Scene {
         name: "scene".into(),
-        bake: Bake { step: Step::VoxelSize(0.1), cutoff: 0.0, octave_fade: true, widen: true },
+        bake: Bake {
+            step: Step::VoxelSize(0.1),
+            cutoff: 0.0,
+            octave_fade: true,
+            widen: true,
+            antialias: Antialias::Off,
+        },
         time: TimeBase { fps: 24.0, start: 1, end: None },
         overlap: Overlap::Max,
         tubes,

@@ -19,7 +19,7 @@ pub(super) static ROOT: Section = Section {
 
 pub(super) static BAKE: Section = Section {
     name: "[bake]",
-    keys: &["resolution", "voxel_size", "grids", "cutoff", "octave_fade", "widen"],
+    keys: &["resolution", "voxel_size", "grids", "cutoff", "octave_fade", "widen", "antialias"],
     later: &[],
 };
 

@@ -71,6 +71,17 @@ pub struct Bake {
     pub octave_fade: bool,
     /// Whether tubes thinner than the voxel are widened to it, and thinned out, so that their mass is kept.
     pub widen: bool,
+    /// What is stored for voxels that an edge of the density passes through.
+    pub antialias: Antialias,
+}
+
+/// What is stored for voxels that an edge of the density passes through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Antialias {
+    /// The density at the centre, as for any other voxel.
+    Off,
+    /// The mean density of the voxel's cell.
+    Adaptive,
 }
 
 /// How the voxel size is chosen.

@@ -12,7 +12,7 @@ use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
 use super::limit::LARGEST_FRAME;
 use super::motion::Clock;
 use super::reader::{Item, Reader, Words};
-use super::{Bake, Overlap, Scene, Step, TimeBase, limit, syntax, tube, view};
+use super::{Antialias, Bake, Overlap, Scene, Step, TimeBase, limit, syntax, tube, view};
 
 /// Voxels along the longest side.
 const RESOLUTION: u32 = 256;
@@ -24,6 +24,9 @@ static GRIDS: Words<()> = Words {
     later: &["temperature", "color", "velocity", "rest", "sdf"],
     instead: "this version bakes density only",
 };
+
+static ANTIALIAS: Words<Antialias> =
+    Words { known: &[("off", Antialias::Off), ("adaptive", Antialias::Adaptive)], later: &[], instead: "" };
 
 impl Scene {
     /// Reads a scene from TOML text that names no files, as it is at time 0. `origin` is the name of its file: messages show it, and its stem names a scene
@@ -123,7 +126,13 @@ fn read(
 }
 
 fn bake(root: &Reader<'_>) -> Bake {
-    let default = Bake { step: Step::Resolution(RESOLUTION), cutoff: 0.0, octave_fade: true, widen: true };
+    let default = Bake {
+        step: Step::Resolution(RESOLUTION),
+        cutoff: 0.0,
+        octave_fade: true,
+        widen: true,
+        antialias: Antialias::Adaptive,
+    };
     let Some(table) = root.table("bake", &BAKE) else { return default };
     let resolution = table.integer("resolution", 1..=LARGEST).and_then(|n| u32::try_from(n).ok());
     let voxel_size = table.number("voxel_size", &limit::POSITIVE);
@@ -144,6 +153,7 @@ fn bake(root: &Reader<'_>) -> Bake {
         cutoff: table.number("cutoff", &limit::NOT_NEGATIVE).unwrap_or(default.cutoff),
         octave_fade: table.boolean("octave_fade").unwrap_or(default.octave_fade),
         widen: table.boolean("widen").unwrap_or(default.widen),
+        antialias: table.word("antialias", &ANTIALIAS).unwrap_or(default.antialias),
     }
 }
 

@@ -8,6 +8,7 @@
 //! field itself there. Of a tree in a file a [`Part`] can be read: a [`PartialTree`].
 
 mod accessor;
+mod antialias;
 mod bake;
 mod brick;
 mod dispatch;

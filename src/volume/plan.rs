@@ -27,6 +27,8 @@ pub struct Plan {
     cover: Vec<Capsule>,
     bricks: Vec<Planned>,
     candidates: Vec<Candidate>,
+    /// Whether an edge may pass through each brick; empty where that does not matter.
+    edges: Vec<bool>,
 }
 
 /// Why there is no plan.
@@ -51,8 +53,12 @@ pub enum PlanError {
     TooWide,
 }
 
-/// A contact: the key of a brick, and the index of a capsule that reaches it.
+/// A contact: the key of a brick, and of a capsule that reaches it the index, times four, with two flags.
 type Contact = (u64, u32);
+/// The capsule reaches voxels' centres of the brick, and not only other places.
+const CENTRES: u32 = 1;
+/// An edge of the capsule may pass through the brick.
+const EDGE: u32 = 2;
 /// Bytes a contact takes while the plan is made: itself, its candidate, and at most one brick.
 const BYTES: usize = size_of::<Contact>() + size_of::<Candidate>() + size_of::<Planned>();
 /// Capsules whose contacts are found before they are put with the others.
@@ -61,16 +67,17 @@ const BATCH: usize = 4096;
 const ROOT: u32 = 9;
 
 impl Plan {
-    /// Plans the bake of `field` at a lattice, within `budget` bytes for the plan itself.
+    /// Plans the bake of `field` at a lattice, within `budget` bytes for the plan itself: of bricks that can hold density at
+    /// their voxels' centres and, where the field is to be anti-aliased, of those that an edge may pass through.
     ///
     /// # Errors
     ///
     /// Before the memory is taken: when the plan would not fit the budget, or voxel indices would overflow.
     pub fn new(field: &Field, lattice: Lattice, budget: u64) -> Result<Plan, PlanError> {
-        Plan::for_extent(field, lattice, Extent::Centres, budget)
+        Plan::make(field, lattice, Extent::Centres, true, budget)
     }
 
-    /// The same for bricks that can hold density anywhere in their extent.
+    /// The same for bricks that can hold density anywhere in their extent. It is for points: edges are as they are.
     ///
     /// # Errors
     ///
@@ -81,6 +88,16 @@ impl Plan {
         extent: Extent,
         budget: u64,
     ) -> Result<Plan, PlanError> {
+        Plan::make(field, lattice, extent, false, budget)
+    }
+
+    fn make(
+        field: &Field,
+        lattice: Lattice,
+        extent: Extent,
+        with_edges: bool,
+        budget: u64,
+    ) -> Result<Plan, PlanError> {
         let root = index_range(field, lattice)?;
         // Within a factor of a few of the contacts: what is far beyond the budget is not worth counting.
         let estimate = field.estimate_blocks(lattice);
@@ -89,11 +106,15 @@ impl Plan {
             return Err(PlanError::TooMany { bricks: estimate });
         }
         let cover = field.cover(lattice).ok_or(PlanError::TooMany { bricks: estimate })?;
+        let has_edges = with_edges
+            && field.is_antialiased()
+            && cover.par_iter().any(|capsule| field.edges(capsule, lattice).is_some());
+        let reach = if has_edges { Extent::Whole } else { extent };
         let count: usize = cover
             .par_iter()
             .map(|capsule| {
                 let mut count = 0;
-                capsule.blocks(field, lattice, extent, |_| count += 1);
+                capsule.blocks(field, lattice, reach, |_| count += 1);
                 count
             })
             .sum();
@@ -106,28 +127,49 @@ impl Plan {
         let mut contacts: Vec<Contact> = Vec::with_capacity(count);
         let mut capsules = 0_u32..;
         for batch in cover.chunks(BATCH) {
-            let found: Vec<Vec<u64>> = batch
+            let found: Vec<Vec<Contact>> = batch
                 .par_iter()
                 .map(|capsule| {
-                    let mut keys = Vec::new();
-                    capsule.blocks(field, lattice, extent, |block| keys.push(file_order(block, root)));
-                    keys
+                    let mut found = Vec::new();
+                    let edges = if has_edges { field.edges(capsule, lattice) } else { None };
+                    let centres = capsule.near(field, lattice, extent);
+                    capsule.near(field, lattice, reach).visit(|block, o| {
+                        let mut flags = CENTRES;
+                        if has_edges && !centres.reaches(block, o) {
+                            flags = 0;
+                        }
+                        if edges.as_ref().is_some_and(|edges| edges.may_cross(o)) {
+                            flags |= EDGE;
+                        }
+                        found.push((file_order(block, root), flags));
+                    });
+                    found
                 })
                 .collect();
-            for (keys, capsule) in found.into_iter().zip(&mut capsules) {
-                contacts.extend(keys.into_iter().map(|key| (key, capsule)));
+            for (found, capsule) in found.into_iter().zip(&mut capsules) {
+                // Covers have less than 2^30 capsules.
+                contacts.extend(found.into_iter().map(|(key, flags)| (key, capsule << 2 | flags)));
             }
         }
         contacts.par_sort_unstable();
 
-        let mut plan =
-            Plan { lattice, extent, root, cover, bricks: vec![], candidates: Vec::with_capacity(count) };
+        let candidates = Vec::with_capacity(count);
+        let mut plan = Plan { lattice, extent, root, cover, bricks: vec![], candidates, edges: vec![] };
         for contacts in contacts.chunk_by(|a, b| a.0 == b.0) {
+            let crossed = contacts.iter().any(|contact| contact.1 & EDGE != 0);
             let first = u32::try_from(plan.candidates.len()).map_err(|_| too_many)?;
-            plan.bricks.push(Planned { block: block_of(contacts[0].0, root), first });
-            plan.candidates.extend(contacts.iter().map(|contact| contact.1));
+            // Elsewhere only centres matter, and what reaches them, as in a plan without edges.
+            let needed = contacts.iter().filter(|contact| crossed || contact.1 & CENTRES != 0);
+            plan.candidates.extend(needed.map(|contact| contact.1 >> 2));
+            if plan.candidates.len() > first as usize {
+                plan.bricks.push(Planned { block: block_of(contacts[0].0, root), first });
+                if has_edges {
+                    plan.edges.push(crossed);
+                }
+            }
         }
         plan.bricks.shrink_to_fit();
+        plan.edges.shrink_to_fit();
         Ok(plan)
     }
 
@@ -136,7 +178,7 @@ impl Plan {
         self.lattice
     }
 
-    /// The part of the bricks that it was made for.
+    /// The part of the bricks that it was made for, but for those that an edge may pass through: of these it is the whole.
     pub fn extent(&self) -> Extent {
         self.extent
     }
@@ -184,13 +226,20 @@ impl Plan {
     /// kept from brick to brick.
     pub fn narrow<T: Scalar>(&self, field: &Field, index: usize, region: &mut Region<T>) {
         let candidates = self.candidates(index);
-        field.narrow(self.lattice, self.extent, &self.cover, candidates, self.block(index), region);
+        let extent = if self.has_edge(index) { Extent::Whole } else { self.extent };
+        field.narrow(self.lattice, extent, &self.cover, candidates, self.block(index), region);
+    }
+
+    /// Whether an edge may pass through candidate brick `index`, so that its voxels are to be anti-aliased.
+    pub fn has_edge(&self, index: usize) -> bool {
+        self.edges.get(index).is_some_and(|edge| *edge)
     }
 
     /// A plan of `count` of these bricks, or of all if there are fewer, spread evenly over their order.
     pub fn sample(&self, count: usize) -> Plan {
         let count = count.min(self.bricks());
-        let mut sample = Plan { cover: self.cover.clone(), bricks: vec![], candidates: vec![], ..*self };
+        let mut sample =
+            Plan { cover: self.cover.clone(), bricks: vec![], candidates: vec![], edges: vec![], ..*self };
         for number in 0..count {
             // The middle of the brick's share of the order.
             let index = (2 * number + 1) * self.bricks() / (2 * count);
@@ -198,6 +247,7 @@ impl Plan {
                 u32::try_from(sample.candidates.len()).expect("no more candidates than in the whole plan");
             sample.bricks.push(Planned { block: self.bricks[index].block, first });
             sample.candidates.extend_from_slice(self.candidates(index));
+            sample.edges.extend(self.edges.get(index));
         }
         sample
     }
@@ -206,7 +256,8 @@ impl Plan {
     pub fn memory(&self) -> usize {
         size_of_val(self.cover.as_slice())
             + size_of_val(self.bricks.as_slice())
-            + size_of_val(self.candidates.as_slice())
+            + self.candidates.capacity() * size_of::<Candidate>()
+            + size_of_val(self.edges.as_slice())
     }
 }
 

@@ -2,6 +2,7 @@
 //! One binary, so that it is linked once.
 
 mod animation;
+mod antialias;
 mod cli;
 mod consumers;
 mod detail;

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::cli::job::{bounds, dimensions, voxel_size};
+use crate::cli::recipe::antialias_name;
 use crate::cli::text;
 use crate::field::Field;
 use crate::scene::{Caps, Input, Layer, Op, Pattern, Scene, SceneErrors, Tube};
@@ -19,6 +20,7 @@ pub(super) struct Report {
     dimensions: [u64; 3],
     cutoff: f64,
     octave_fade: bool,
+    antialias: &'static str,
     fps: f64,
     start: i64,
     end: Option<i64>,
@@ -72,6 +74,7 @@ pub(super) fn describe(scene: &Scene) -> Result<Report, SceneErrors> {
         dimensions: dimensions(bounds, voxel_size),
         cutoff: bake.cutoff,
         octave_fade: bake.octave_fade,
+        antialias: antialias_name(bake.antialias),
         fps: time.fps,
         start: time.start,
         end: time.end,
