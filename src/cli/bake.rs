@@ -1,5 +1,6 @@
 //! `vdbake bake`: a scene into an OpenVDB file.
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -8,21 +9,24 @@ use clap::Args;
 use cpu_time::ProcessTime;
 use serde::Serialize;
 
+use super::frames::{self, Pattern};
 use super::interrupt::{Interrupt, Stopped, Watched};
-use super::job::{self, Job, Options, SamplingError, sampling_errors};
+use super::job::{self, Job, Moment, Options, SamplingError, Source, sampling_errors};
 use super::mass::Mass;
 use super::output::Output;
 use super::progress::{Planning, Progress};
-use super::{Failure, Global, machine, text};
+use super::{Failure, Global, machine, print, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
+use crate::scene::Scene;
 use crate::volume::{self, LARGEST_F16, Phases, Plan, RestMass, Tally};
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     /// The scene to bake
     scene: PathBuf,
-    /// Where to write, a name that ends in .vdb [default: the scene's name, in the current folder]
+    /// Where to write, a name that ends in .vdb; for frames with a run of # for the number, such as out.####.vdb [default: the
+    /// scene's name, in the current folder]
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -34,6 +38,8 @@ pub(super) struct Arguments {
 struct Report {
     output: String,
     scene: String,
+    /// Null but in a sequence.
+    frame: Option<i64>,
     time: f64,
     voxel_size: f64,
     /// Corners of the box around the density, in metres.
@@ -92,50 +98,163 @@ struct Times {
 
 /// Bakes.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
-    let clock = Clock::start();
-    check_name(arguments.output.as_deref())?;
+    let mut clock = Clock::start();
+    let options = &arguments.options;
+    let names = Names::new(arguments.output.as_deref(), options.is_sequence())?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
-    let planning = Planning::new(global.quiet);
-    let job = Job::new(&arguments.scene, &arguments.options)?;
-    let path = job::output_path(arguments.output.as_deref(), &job.scene);
-    let plan = pool.install(|| job.plan())?;
-    drop(planning);
-    global.warn_of(job.scene.warnings());
+    let mut planning = Some(Planning::new(global.quiet));
+    let source = Source::read(&arguments.scene, &options.scene)?;
+    let moments = options.moments(&source)?;
+    if options.is_sequence() {
+        // No frame is begun before the scene is known to be valid in all.
+        moments.iter().try_for_each(|moment| source.start.at(moment.time).map(drop))?;
+    }
+    let mut progress = Progress::new(moments.len(), global.quiet);
+    let (mut bytes, started) = (0, Instant::now());
+    let mut told = BTreeSet::new();
+    for (index, moment) in moments.iter().enumerate() {
+        let mut one = || {
+            interrupt.check()?;
+            let job = Job::new(&source, *moment, options)?;
+            let plan = pool.install(|| job.plan())?;
+            planning = None;
+            if told.insert(text::warnings(job.scene.warnings())) {
+                progress.aside(|| global.warn_of(job.scene.warnings()));
+            }
+            let report = bake(
+                &job,
+                &plan,
+                &names.path(&source.start, moment.frame),
+                &Surroundings { global, interrupt: &interrupt, pool: &pool, clock: &clock },
+                &mut progress,
+            )?;
+            Ok((report, job.dimensions()))
+        };
+        let left = |moments: &[Moment], failure: Failure| match moments {
+            [] => failure,
+            moments => {
+                let frames: Vec<i64> = moments.iter().filter_map(|moment| moment.frame).collect();
+                failure.leaving(&frames::ranges(&frames))
+            }
+        };
+        let (report, dimensions) =
+            one().map_err(|failure| left(if index == 0 { &[] } else { &moments[index..] }, failure))?;
+        bytes += report.bytes;
+        progress
+            .aside(|| {
+                if options.is_sequence() {
+                    global.show_one(&report, |report| brief(report, options.explain))
+                } else {
+                    global.show(&report, |report| human(report, dimensions, options.explain))
+                }
+            })
+            .map_err(|failure| left(&moments[index + 1..], failure))?;
+        clock = Clock::start();
+    }
+    drop(progress);
+    if options.is_sequence() && !global.json {
+        let (frames, seconds) = (moments.len() as u64, started.elapsed().as_secs_f64());
+        let total = format!(
+            "{}  {} in {}",
+            text::number(frames, "frame"),
+            text::bytes(bytes),
+            text::seconds(seconds)
+        );
+        print(|out| writeln!(out, "{total}"))?;
+    }
+    Ok(())
+}
+
+/// Where files go.
+enum Names {
+    /// All to one path, or under the scene's name.
+    One(Option<PathBuf>),
+    /// Each frame to its own.
+    Each(Option<Pattern>),
+}
+
+impl Names {
+    /// Names of another kind are refused before any work is done.
+    fn new(given: Option<&Path>, sequence: bool) -> Result<Names, Failure> {
+        check_name(given)?;
+        Ok(if sequence {
+            Names::Each(given.map(Pattern::new).transpose()?)
+        } else {
+            Names::One(given.map(Path::to_owned))
+        })
+    }
+
+    fn path(&self, scene: &Scene, frame: Option<i64>) -> PathBuf {
+        match (self, frame) {
+            (Names::Each(Some(pattern)), Some(frame)) => pattern.path(frame),
+            (Names::Each(None), Some(frame)) => Pattern::of_scene(scene.name()).path(frame),
+            (Names::One(path), _) => job::output_path(path.as_deref(), scene),
+            (Names::Each(_), None) => job::output_path(None, scene),
+        }
+    }
+}
+
+/// What the files of a sequence are baked with.
+struct Surroundings<'a> {
+    global: &'a Global,
+    interrupt: &'a Interrupt,
+    pool: &'a rayon::ThreadPool,
+    /// Since this file was begun.
+    clock: &'a Clock,
+}
+
+/// Bakes one file.
+fn bake(
+    job: &Job,
+    plan: &Plan,
+    path: &Path,
+    surroundings: &Surroundings<'_>,
+    progress: &mut Progress,
+) -> Result<Report, Failure> {
+    let Surroundings { global, interrupt, pool, clock } = surroundings;
+    let note = |progress: &Progress, text: &str| {
+        let frame = job.settings.frame.map_or_else(String::new, |frame| format!("frame {frame}: "));
+        progress.aside(|| global.note(&format!("{frame}{text}")));
+    };
     if plan.bricks() == 0 {
-        global.note(match job.bounds {
-            None => "the scene holds no density; its grid is empty",
-            Some(_) => "the density lies between the centres of all voxels; the grid is empty",
-        });
+        note(
+            progress,
+            match job.bounds {
+                None => "the scene holds no density; its grid is empty",
+                Some(_) => "the density lies between the centres of all voxels; the grid is empty",
+            },
+        );
     }
     let planned = clock.read();
 
     interrupt.hold();
-    let mut output = Output::create(&path)?;
-    let mut progress = Progress::new(plan.bricks(), global.quiet);
-    let (grid, tally, mut phases) = pool.install(|| evaluate(&job, &plan, &interrupt, &mut progress))?;
-    drop(progress);
+    let mut output = Output::create(path)?;
+    progress.begin(plan.bricks());
+    let (grid, tally, mut phases) = pool.install(|| evaluate(job, plan, interrupt, progress))?;
     let baked = clock.read();
     let rest = pool.install(|| RestMass::beside(&job.field, &job.scene, job.lattice, &tally, Level::best()));
     phases.evaluate += clock.read()[1] - baked[1];
     let mass = Mass::new(&tally, &rest, job.lattice);
     let evaluated = clock.read();
     if plan.bricks() > 0 && tally.active_voxels == 0 {
-        global.note(
+        note(
+            progress,
             "no voxel is active: the density is at or below the cutoff, or between the centres of all voxels; the grid is empty",
         );
     }
 
     if tally.clamped_voxels > 0 {
-        global.note(&format!(
+        let text = format!(
             "{} of a density beyond {LARGEST_F16}, the largest 16-bit float, got that value; --precision f32 keeps them",
             text::number(tally.clamped_voxels, "voxel"),
-        ));
+        );
+        note(progress, &text);
     }
 
     let content = text::hexadecimal(&tally.content_hash);
     let header = job.file_header(&content)?;
-    let bytes = write(&mut output, &job, &header, &grid, &interrupt)
+    let bytes = write(&mut output, job, &header, &grid, interrupt)
         .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))
         .or_else(|failure| interrupt.check().and(Err(failure)))?;
     interrupt.check()?;
@@ -146,9 +265,10 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 
     let stats = grid.stats();
     let [seconds, cpu_seconds] = times([planned, evaluated, written], phases);
-    let report = Report {
+    Ok(Report {
         output: path.display().to_string(),
         scene: job.scene.name().to_owned(),
+        frame: job.settings.frame,
         time: job.settings.time,
         voxel_size: job.lattice.voxel_size,
         bounds: job.bounds,
@@ -181,8 +301,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         sampling_errors: sampling_errors(&job.scene),
         content_sha256: content,
         uuid: header.uuid.to_string(),
-    };
-    global.show(&report, |report| human(report, job.dimensions(), arguments.options.explain))
+    })
 }
 
 /// Evaluates and encodes all bricks.
@@ -260,6 +379,22 @@ fn times([planned, evaluated, written]: [Reading; 3], phases: Phases) -> [Times;
         total: written[which],
     };
     [times(0, share * baking, (1.0 - share) * baking), times(1, phases.evaluate, encode)]
+}
+
+/// One of many.
+fn brief(report: &Report, explain: bool) -> String {
+    let mut table = text::Table::default();
+    table.heading(format!(
+        "{}  {}  {} active voxels in {}",
+        report.output,
+        text::bytes(report.bytes),
+        text::count(report.active_voxels),
+        text::seconds(report.seconds.total),
+    ));
+    if explain {
+        table.rows("left out", &report.left_out, "nothing");
+    }
+    table.finish()
 }
 
 fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {

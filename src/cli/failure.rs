@@ -11,7 +11,7 @@ pub struct Failure {
     kind: Kind,
     message: String,
     source: Option<Box<dyn Error + Send + Sync>>,
-    hint: Option<String>,
+    hints: Vec<String>,
 }
 
 #[derive(Debug)]
@@ -20,12 +20,13 @@ enum Kind {
     Usage,
     Input,
     Scene(Box<SceneErrors>),
+    Partial,
     Interrupted,
 }
 
 impl Failure {
     fn new(kind: Kind, message: impl Into<String>) -> Failure {
-        Failure { kind, message: message.into(), source: None, hint: None }
+        Failure { kind, message: message.into(), source: None, hints: Vec::new() }
     }
 
     /// The work could not be done.
@@ -48,6 +49,15 @@ impl Failure {
         Failure::new(Kind::Interrupted, "interrupted")
     }
 
+    /// Of a sequence of files, some of which are done and stay; the frames that are left are named as `--frames` takes them.
+    pub(super) fn leaving(mut self, frames: &str) -> Failure {
+        if !matches!(self.kind, Kind::Interrupted) {
+            self.kind = Kind::Partial;
+        }
+        self.message = format!("{}; frames {frames} are missing", self.message);
+        self.hint(format!("--frames={frames} bakes those that are missing"))
+    }
+
     /// With what lies behind it.
     pub(super) fn because(mut self, source: impl Into<Box<dyn Error + Send + Sync>>) -> Failure {
         self.source = Some(source.into());
@@ -56,21 +66,23 @@ impl Failure {
 
     /// With what may help.
     pub(super) fn hint(mut self, hint: impl Into<String>) -> Failure {
-        self.hint = Some(hint.into());
+        self.hints.push(hint.into());
         self
     }
 
-    /// 1: failed; 2: usage; 3: the scene or input file cannot be read or is invalid; 130: interrupted.
+    /// 1: failed; 2: usage; 3: the scene or input file cannot be read or is invalid; 5: some files of a sequence are done,
+    /// the others can be made by another run; 130: interrupted.
     pub fn exit_code(&self) -> u8 {
         match self.kind {
             Kind::Failed => 1,
             Kind::Usage => 2,
             Kind::Input | Kind::Scene(_) => 3,
+            Kind::Partial => 5,
             Kind::Interrupted => 130,
         }
     }
 
-    /// Writes the error with its causes, and a hint where there is one. Errors of a scene are coloured where standard
+    /// Writes the error with its causes, and hints where there are any. Errors of a scene are coloured where standard
     /// error is a terminal.
     ///
     /// # Errors
@@ -91,7 +103,7 @@ impl Failure {
             source = error.source();
         }
         writeln!(out)?;
-        if let Some(hint) = &self.hint {
+        for hint in &self.hints {
             writeln!(out, "hint: {hint}")?;
         }
         Ok(())

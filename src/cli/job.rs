@@ -4,14 +4,16 @@ use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
+use super::frames::Frames;
 use super::memory::{self, Amount};
 use super::recipe::{Recipe, Settings, antialias_name, compression_name, precision_name};
 use super::{Failure, text};
-use crate::field::Field;
+use crate::field::{self, Field};
 use crate::formats::vdb::{
     self, Compression, Encoder, FileHeader, GridClass, GridHeader, Precision, VectorType,
 };
@@ -32,7 +34,8 @@ pub(super) struct SceneOptions {
     /// Edge of a voxel in metres [default: what the scene says]
     #[arg(long, value_name = "H", value_parser = size, conflicts_with = "resolution", allow_negative_numbers = true)]
     voxel_size: Option<f64>,
-    /// Voxels along the longest side of the density's bounds [default: what the scene says, else 256]
+    /// Voxels along the longest side of the density's bounds over the scene's own frames, from its start to its end (or at
+    /// its start frame, where it has no end): the voxel size is the same at every time [default: what the scene says, else 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
         allow_negative_numbers = true)]
     resolution: Option<u32>,
@@ -48,7 +51,11 @@ pub(super) struct SceneOptions {
 #[derive(Debug, Args)]
 pub(super) struct Options {
     #[command(flatten)]
-    scene: SceneOptions,
+    pub(super) scene: SceneOptions,
+    /// Frames instead of one time, each with a file of its own, in this order: `1-240`, every second one of them `1-240x2`,
+    /// `1,5,9-12`, or `all` of the scene's own
+    #[arg(long, value_name = "RANGES", conflicts_with = "time", allow_hyphen_values = true)]
+    frames: Option<Frames>,
     /// How precisely values are stored: single or half precision, as 32-bit or 16-bit floats
     #[arg(long, value_enum, default_value_t = Width::F32)]
     precision: Width,
@@ -85,6 +92,11 @@ fn time(text: &str) -> Result<f64, String> {
 }
 
 impl SceneOptions {
+    /// Seconds after the start frame.
+    pub(super) fn time(&self) -> f64 {
+        self.time.unwrap_or(0.0)
+    }
+
     /// The first of these options that only a scene has a use for, if one is given.
     pub(super) fn for_scenes_only(&self) -> Option<&'static str> {
         let given = [
@@ -101,6 +113,67 @@ impl SceneOptions {
     }
 }
 
+impl Options {
+    /// Whether frames are asked for.
+    pub(super) fn is_sequence(&self) -> bool {
+        self.frames.is_some()
+    }
+
+    /// The moments of a scene that are asked for: its frames, or one time.
+    pub(super) fn moments(&self, source: &Source) -> Result<Vec<Moment>, Failure> {
+        let time = source.start.time();
+        match &self.frames {
+            None => Ok(vec![Moment { time: self.scene.time(), frame: None }]),
+            Some(frames) => {
+                let moment = |frame| Moment { time: time.seconds(frame), frame: Some(frame) };
+                Ok(frames.of(time)?.into_iter().map(moment).collect())
+            }
+        }
+    }
+}
+
+/// A time of a scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moment {
+    /// Seconds after the start frame.
+    pub(super) time: f64,
+    /// The frame of a sequence that it is.
+    pub(super) frame: Option<i64>,
+}
+
+/// A scene file, and the lattice that it has at every time.
+#[derive(Debug)]
+pub(super) struct Source {
+    /// At its start frame.
+    pub(super) start: Scene,
+    lattice: Lattice,
+    /// Bytes that the process took at most until the first job was compiled.
+    resident: OnceLock<u64>,
+}
+
+impl Source {
+    /// Reads the scene, and settles the voxel size.
+    pub(super) fn read(path: &Path, options: &SceneOptions) -> Result<Source, Failure> {
+        let start = read_scene(path)?;
+        let step = match (options.voxel_size, options.resolution) {
+            (Some(size), _) => Step::VoxelSize(size),
+            (None, Some(resolution)) => Step::Resolution(resolution),
+            (None, None) => start.bake().step,
+        };
+        let lattice = Lattice { voxel_size: voxel_size(step, &start)? };
+        Ok(Source { start, lattice, resident: OnceLock::new() })
+    }
+
+    /// Compiles the scene for a time.
+    pub(super) fn compile(&self, time: f64) -> Result<Compiled, Failure> {
+        let scene = self.start.at(time)?;
+        let mut field = Field::compile(&scene);
+        let bounds = bounds(&field);
+        field.widen(self.lattice);
+        Ok(Compiled { scene, field, lattice: self.lattice, time, bounds })
+    }
+}
+
 /// A scene compiled for one time and voxel size.
 #[derive(Debug)]
 pub(super) struct Compiled {
@@ -111,25 +184,6 @@ pub(super) struct Compiled {
     pub(super) time: f64,
     /// Corners of the box around the density, in metres; `None` where there is none.
     pub(super) bounds: Option<[[f64; 3]; 2]>,
-}
-
-impl Compiled {
-    /// Reads the scene and settles what the options leave open.
-    pub(super) fn new(path: &Path, options: &SceneOptions) -> Result<Compiled, Failure> {
-        let scene = read_scene(path)?;
-        let time = options.time.unwrap_or(0.0);
-        let scene = scene.at(time)?;
-        let mut field = Field::compile(&scene);
-        let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
-        let step = match (options.voxel_size, options.resolution) {
-            (Some(size), _) => Step::VoxelSize(size),
-            (None, Some(resolution)) => Step::Resolution(resolution),
-            (None, None) => scene.bake().step,
-        };
-        let lattice = Lattice { voxel_size: voxel_size(step, bounds) };
-        field.widen(lattice);
-        Ok(Compiled { scene, field, lattice, time, bounds })
-    }
 }
 
 /// A scene ready to be planned.
@@ -149,9 +203,9 @@ pub(super) struct Job {
 }
 
 impl Job {
-    /// Reads the scene and settles what the options leave open.
-    pub(super) fn new(path: &Path, options: &Options) -> Result<Job, Failure> {
-        let Compiled { scene, field, lattice, time, bounds } = Compiled::new(path, &options.scene)?;
+    /// Compiles the scene for a moment, and settles what the options leave open.
+    pub(super) fn new(source: &Source, moment: Moment, options: &Options) -> Result<Job, Failure> {
+        let Compiled { scene, field, lattice, time, bounds } = source.compile(moment.time)?;
         let compression = match options.compression {
             Codec::Blosc => Compression::Blosc,
             Codec::Zip => Compression::Zip,
@@ -166,6 +220,7 @@ impl Job {
             grids: ["density"],
             voxel_size: lattice.voxel_size,
             time,
+            frame: moment.frame,
             precision: precision_name(precision),
             compression: compression_name(compression),
             cutoff: scene.bake().cutoff,
@@ -174,7 +229,9 @@ impl Job {
             antialias: antialias_name(scene.bake().antialias),
         };
         let budget = options.scene.budget();
-        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident: memory::resident() })
+        // What earlier frames took is given back, and must not count for this one.
+        let resident = *source.resident.get_or_init(memory::resident);
+        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -325,16 +382,20 @@ fn smallest_in_range([lo, hi]: [[f64; 3]; 2]) -> f64 {
     farthest.max(widest)
 }
 
-/// The voxel size in metres that a step means for a density of these bounds.
-pub(super) fn voxel_size(step: Step, bounds: Option<[[f64; 3]; 2]>) -> f64 {
-    match step {
+/// The voxel size in metres that a step means for a scene, whatever its time.
+pub(super) fn voxel_size(step: Step, scene: &Scene) -> Result<f64, SceneErrors> {
+    Ok(match step {
         Step::VoxelSize(size) => size,
         Step::Resolution(resolution) => {
-            let sides = |[lo, hi]: [[f64; 3]; 2]| [0, 1, 2].map(|axis| hi[axis] - lo[axis]);
-            let longest = bounds.map_or(1.0, |bounds| sides(bounds).into_iter().fold(0.0, f64::max));
+            let longest = field::extent(scene)?.map_or(1.0, |[lo, hi]| (hi - lo).max_element());
             longest / f64::from(resolution)
         }
-    }
+    })
+}
+
+/// Corners of the box around the density, in metres; `None` where there is none.
+pub(super) fn bounds(field: &Field) -> Option<[[f64; 3]; 2]> {
+    field.bounds().map(|corners| corners.map(|corner| corner.to_array()))
 }
 
 /// Voxels along each side of a box.
@@ -435,9 +496,10 @@ mod tests {
     #[test]
     fn resolution_counts_voxels_along_the_longest_side() {
         let bounds = Some([[0.0, 0.0, -1.0], [1.0, 2.0, 3.0]]);
-        assert_eq!(voxel_size(Step::Resolution(8), bounds), 0.5);
         assert_eq!(dimensions(bounds, 0.5), [2, 4, 8]);
-        assert_eq!(voxel_size(Step::Resolution(8), None), 0.125);
+        let size = |text| voxel_size(Step::Resolution(8), &Scene::parse(text, "").expect("valid"));
+        let tube = "[[tube]]\nradius = 0.5\ncurve = { points = [[0, 0, -1], [0, 0, 1], [0, 0, 3]] }";
+        assert_eq!((size(tube), size("")), (Ok(0.5), Ok(0.125)));
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 mod bake;
 mod failure;
+mod frames;
 mod info;
 mod interrupt;
 mod job;
@@ -40,7 +41,7 @@ pub struct Cli {
 
 #[derive(Debug, Args)]
 struct Global {
-    /// Print one JSON object on standard output, and nothing else there
+    /// Print one JSON object on standard output, or one a line for each frame of a sequence, and nothing else there
     #[arg(long, global = true)]
     json: bool,
     /// Threads to work with [default: one for each processor]
@@ -68,7 +69,8 @@ impl Cli {
     ///
     /// # Errors
     ///
-    /// What went wrong, to be reported; where it is returned, no output file was made or changed.
+    /// What went wrong, to be reported; where it is returned, no output file was made or changed but those of a sequence's
+    /// first frames.
     pub fn run(self) -> Result<(), Failure> {
         match &self.command {
             Command::Bake(arguments) => bake::run(arguments, &self.global),
@@ -84,6 +86,17 @@ impl Global {
     fn show<T: Serialize>(&self, result: &T, human: impl FnOnce(&T) -> String) -> Result<(), Failure> {
         let text = if self.json {
             serde_json::to_string_pretty(result)
+                .map_err(|error| Failure::failed("cannot print the result").because(error))?
+        } else {
+            human(result)
+        };
+        print(|out| writeln!(out, "{}", text.trim_end()))
+    }
+
+    /// Shows one of many results on standard output: as one line of JSON, or as text.
+    fn show_one<T: Serialize>(&self, result: &T, human: impl FnOnce(&T) -> String) -> Result<(), Failure> {
+        let text = if self.json {
+            serde_json::to_string(result)
                 .map_err(|error| Failure::failed("cannot print the result").because(error))?
         } else {
             human(result)

@@ -47,8 +47,12 @@ impl Drop for Planning {
     }
 }
 
-/// Shown on standard error.
+/// Shown on standard error: how much is done of parts that count the same, one after the other.
 pub(super) struct Progress {
+    parts: usize,
+    /// Parts that were begun.
+    begun: usize,
+    /// Steps of the present part, and those of them that are done.
     total: usize,
     done: usize,
     display: Display,
@@ -60,30 +64,57 @@ enum Display {
     Lines { next: f64 },
 }
 
+/// Steps of a bar.
+const FINENESS: u32 = 100_000;
+
 impl Progress {
-    /// Of `total` steps.
-    pub(super) fn new(total: usize, quiet: bool) -> Progress {
-        let display = if quiet || total == 0 {
+    /// Of so many parts.
+    pub(super) fn new(parts: usize, quiet: bool) -> Progress {
+        let display = if quiet {
             Display::Nothing
         } else if io::stderr().is_terminal() {
             let style = ProgressStyle::with_template("{wide_bar} {percent:>3}%  {eta} left");
-            let bar = ProgressBar::new(total as u64);
+            let bar = ProgressBar::new(FINENESS.into());
             Display::Bar(style.map_or_else(|_| bar.clone(), |style| bar.clone().with_style(style)))
         } else {
             Display::Lines { next: STRIDE }
         };
-        Progress { total, done: 0, display }
+        Progress { parts, begun: 0, total: 0, done: 0, display }
+    }
+
+    /// The next part begins, of `total` steps.
+    pub(super) fn begin(&mut self, total: usize) {
+        (self.begun, self.total, self.done) = (self.begun + 1, total, 0);
+        if total == 0 && self.parts > 1 {
+            self.update();
+        }
     }
 
     /// Some more steps are done.
     pub(super) fn advance(&mut self, steps: usize) {
         self.done += steps;
+        self.update();
+    }
+
+    /// Prints something else, without damage to a bar.
+    pub(super) fn aside<T>(&self, print: impl FnOnce() -> T) -> T {
+        match &self.display {
+            Display::Bar(bar) => bar.suspend(print),
+            Display::Nothing | Display::Lines { .. } => print(),
+        }
+    }
+
+    fn update(&mut self) {
+        #[allow(clippy::cast_precision_loss, reason = "for show")]
+        let part = if self.total == 0 { 1.0 } else { self.done as f64 / self.total as f64 };
+        #[allow(clippy::cast_precision_loss, reason = "for show")]
+        let all = ((self.begun - 1) as f64 + part) / self.parts as f64;
         match &mut self.display {
             Display::Nothing => {}
-            Display::Bar(bar) => bar.inc(steps as u64),
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 1")]
+            Display::Bar(bar) => bar.set_position((all * f64::from(FINENESS)) as u64),
             Display::Lines { next } => {
-                #[allow(clippy::cast_precision_loss, reason = "for show")]
-                let percent = 100.0 * self.done as f64 / self.total as f64;
+                let percent = 100.0 * all;
                 if percent >= *next {
                     *next = STRIDE * (percent / STRIDE).floor() + STRIDE;
                     // Where standard error is closed there is nobody to tell.

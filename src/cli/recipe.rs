@@ -19,6 +19,9 @@ pub(super) struct Settings {
     pub(super) voxel_size: f64,
     /// Seconds after the start frame.
     pub(super) time: f64,
+    /// Of a sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) frame: Option<i64>,
     pub(super) precision: &'static str,
     pub(super) compression: &'static str,
     pub(super) cutoff: f64,
@@ -121,6 +124,7 @@ mod tests {
             grids: ["density"],
             voxel_size: 0.1,
             time: 0.0,
+            frame: None,
             precision: "f32",
             compression: "blosc",
             cutoff: 0.0,
@@ -135,6 +139,8 @@ mod tests {
         let recipe = Recipe::new("", &[], &settings()).expect("settings");
         let expected = r#"{"grids":["density"],"voxel_size":0.1,"time":0.0,"precision":"f32","compression":"blosc","cutoff":0.0,"octave_fade":true,"widen":true,"antialias":"adaptive"}"#;
         assert_eq!(recipe.settings, expected);
+        let frame = Recipe::new("", &[], &Settings { frame: Some(-7), ..settings() }).expect("settings");
+        assert_eq!(frame.settings, expected.replace(r#""time":0.0,"#, r#""time":0.0,"frame":-7,"#));
     }
 
     #[test]
@@ -145,6 +151,8 @@ mod tests {
         assert_eq!(uuid("a", &settings()), uuid("a", &settings()));
         assert_ne!(uuid("a", &settings()), uuid("b", &settings()));
         assert_ne!(uuid("a", &settings()), uuid("a", &other));
+        let frame = Settings { frame: Some(1), ..settings() };
+        assert_ne!(uuid("a", &settings()), uuid("a", &frame));
         assert_eq!(uuid("a", &settings()).get_version_num(), 8);
     }
 

@@ -443,7 +443,7 @@ mod tests {
         assert_eq!(frenet(&[Segment::cubic([a, b, c + 1e-9 * DVec3::Z, d])]).len(), 1);
 
         // Two arcs that make an S have it at the joint, two that make one arc have none.
-        let other = |side: f64| [DVec3::X, dvec3(1.5, side, 0.0), 2.0 * DVec3::X].into();
+        let other = |side: f64| [DVec3::X, dvec3(1.5, side, 0.0), 2.0 * DVec3::X];
         let [same, opposite] = [1.0, -1.0].map(other).map(Segment::quadratic);
         let arc = Segment::quadratic(arc);
         assert!(frenet(&[arc, same]).is_empty());

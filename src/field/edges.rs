@@ -272,6 +272,7 @@ impl<T: Scalar> Region<T> {
             }
             piece.layers = [first, outline.layers.len()];
             piece.fades = false;
+            piece.in_world = false;
             if piece.layers[0] == piece.layers[1] {
                 piece.turns = None;
             }

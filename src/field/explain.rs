@@ -1,10 +1,11 @@
 //! What a scene does not need and so is not evaluated, in words.
 
-use super::narrow::Rates;
+use super::detail::{Rates, is_placed, log2_world_rate};
+use super::pattern::{Fractal, Octave};
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice};
 use crate::noise::BAND;
-use crate::scene::{Antialias, Caps, Conserve, Radial};
+use crate::scene::{Antialias, Caps, Conserve, Radial, Space};
 
 impl Field {
     /// The stages left out of the evaluation at a lattice, each with the reason, tube by tube and then of the whole.
@@ -57,6 +58,11 @@ impl Field {
         if tube.radial == Radial::Hard {
             say("envelope: it is hard".into());
         }
+        for (key, is_given) in tube.unused {
+            if is_given {
+                say(format!("{key}: a bake of density does not use it"));
+            }
+        }
         if tube.layers.is_empty() {
             say("layers: there are none, the tube is filled with 1".into());
         }
@@ -64,29 +70,41 @@ impl Field {
             if layer.threshold.is_none() {
                 say(format!("threshold of layer {number}: none is given"));
             }
-            let LayerKind::Fractal(fractal) = &layer.kind else { continue };
+            let LayerKind::Perlin(perlin) = &layer.kind else { continue };
             if !self.octave_fade {
                 say(format!("fading of octaves in layer {number}: switched off"));
             }
-            let skipped = fractal.skipped;
-            if skipped > 0 {
-                say(format!(
-                    "{skipped} octaves of layer {number}: without amplitude, or finer than 2^22 cells"
-                ));
-            }
-            if self.octave_fade {
-                let rates = Rates::new(tube, fractal, lattice.voxel_size);
-                let coarsest = rates.band(tube, [0.0, tube.curve.length()], lattice.voxel_size)[0];
-                let faded = fractal
-                    .octaves
-                    .iter()
-                    .filter(|octave| coarsest + f64::from(octave.index) * fractal.log2_lacunarity >= BAND[1])
-                    .count();
+            let sums = [("layer", &perlin.sum)];
+            let warp = perlin.warp.as_ref().map(|warp| ("the warp of layer", &warp.sums[0]));
+            for (whose, sum) in sums.into_iter().chain(warp) {
+                let [unplaced, faded] = self.left_out_octaves(tube, perlin.space, sum, lattice);
+                if unplaced > 0 {
+                    say(format!(
+                        "{unplaced} octaves of {whose} {number}: without amplitude, or finer than 2^22 cells"
+                    ));
+                }
                 if faded > 0 {
-                    say(format!("{faded} octaves of layer {number}: above 1.6 cells a voxel everywhere"));
+                    say(format!("{faded} octaves of {whose} {number}: above 1.6 cells a voxel everywhere"));
                 }
             }
         }
         out
+    }
+
+    /// Octaves that are never evaluated at a lattice, and those that have faded everywhere.
+    fn left_out_octaves(&self, tube: &Tube, space: Space, sum: &Fractal, lattice: Lattice) -> [usize; 2] {
+        let h = lattice.voxel_size;
+        let is_placed = |octave: &&Octave| is_placed(octave, tube, space, h);
+        let placed = sum.octaves.iter().filter(is_placed).count();
+        let unplaced = sum.skipped as usize + sum.octaves.len() - placed;
+        if !self.octave_fade {
+            return [unplaced, 0];
+        }
+        let coarsest = match space {
+            Space::Cylinder => Rates::new(tube, sum, h).band(tube, [0.0, tube.curve.length()], h)[0],
+            Space::World => log2_world_rate(sum, h),
+        };
+        let is_faded = |octave: &&Octave| coarsest + f64::from(octave.index) * sum.log2_lacunarity >= BAND[1];
+        [unplaced, sum.octaves.iter().filter(is_placed).filter(is_faded).count()]
     }
 }

@@ -53,16 +53,36 @@
 //!   `multiplier * max(0, pattern - threshold)`, by product, sum, max or min.
 //! - `smoothstep(a, b, x)` is `t^2 (3 - 2 t)` with t = (x - a) / (b - a) clamped to [0, 1].
 //!
-//! Octave k of a noise layer is weighted by `1 - smoothstep(log2 0.7, log2 1.6, log2 x_k)` when octaves fade, where
-//! `x_k = h lac^k sigma` is in lattice cells per voxel of edge h, and sigma is the larger singular value of
+//! A noise layer's pattern is a fractal sum (noise module) over (u, v, l), which runs around a loop where the curve is
+//! closed (T is 1 where stretched, else L), or over p in metres where its space is the world. Octave k fades to the weight
+//! `1 - smoothstep(log2 0.7, log2 1.6, log2 x_k)` when octaves fade, where `x_k = h lac^k sigma` is in lattice cells per
+//! voxel of edge h. In the world sigma is the largest of the layer's frequencies; in the cylinder it is the larger singular
+//! value of
 //!
 //! ```text
 //! [ F / r   2 pi twist F sqrt(q) / L ]        F = max(f_u, f_v)
 //! [ 0       f_l dl/ds                ]        dl/ds = 1 / L where stretched, else 1
 //! ```
 //!
-//! the rate at which the pattern's coordinates change across and along the tube; bending and the slope of the radius are
-//! left out of it. A normalised sum is divided by the sum of all gain^k, faded or not.
+//! the rate at which the pattern's coordinates change across and along the tube; bending, the slope of the radius and the
+//! layer's warp are left out of it. A warp's octaves fade by the same rule with the warp's own frequency. A normalised
+//! sum is divided by the sum of all gain^k, faded or not.
+//!
+//! The evaluation below leaves out octaves that single precision cannot place: of more than 2^22 cells per unit across
+//! the tube or around a loop, of more than 2^19 cells per voxel along the tube or in the world, and those that a warp's
+//! sum of 1 moves by more than 2^22 of their cells. Like one that has faded, such an octave adds its mean. The reference
+//! has them.
+//!
+//! # Mass
+//!
+//! Before it is deformed, a tube is a straight cylinder of the rest radius and of the rest length (where it is not
+//! stretched, of the curve's), with the density `max(0, radial(sqrt(q)) * axial(s / L) * layers(u, v, l))`. Octaves fade as
+//! they do after it, and a pattern over the world is the one at the place where a point comes to lie. The integral of that,
+//! in metres^3 since density has no unit, is the tube's *mass at rest*; those of all tubes add up. What lies at
+//! `kappa rho cos >= 1`, or where there is no tube because of its radius, has no image and is *lost*. A volume elsewhere
+//! becomes `(1 - kappa rho cos) r^2 L / V0` of itself (V0 with the cylinder's true length), its density `gain * focal` of
+//! itself: the integral of both over the cylinder is the mass to *expect* of a tube without round ends or corners whose
+//! feet meet neither each other nor those of another tube.
 //!
 //! # Edges
 //!
@@ -86,11 +106,16 @@
 //! [`kernel`] then works through all voxels of the block.
 
 mod cover;
+mod detail;
 mod edges;
 mod explain;
+mod extent;
+mod feet;
 mod join;
 pub mod kernel;
+mod layers;
 mod narrow;
+mod pattern;
 mod radius;
 mod region;
 pub mod rest;
@@ -100,6 +125,7 @@ mod tube;
 use glam::DVec3;
 
 pub use cover::Capsule;
+pub use extent::extent;
 pub use narrow::Candidate;
 pub use region::Region;
 

@@ -3,14 +3,12 @@
 use glam::DVec3;
 
 use super::cover::{Capsule, Reach, support};
-use super::region::{
-    self, FOOT, Layer, LayerKind, Octave, Part, Piece, ROWS, Region, SECOND, Search, U, V, round,
-};
+use super::detail::Place;
+use super::region::{self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, U, V, round};
 use super::span::Span;
 use super::tube::{self, CORNER, PointKind, Tube};
 use super::{Extent, Field, Lattice};
 use crate::curve::Segment;
-use crate::noise::{self, BAND};
 use crate::num::Scalar;
 use crate::num::poly::{TERMS, evaluate, substitute};
 use crate::scene::{Caps, Conserve, Overlap};
@@ -53,13 +51,13 @@ struct Interval {
 
 /// The block in world space.
 #[derive(Debug, Clone, Copy)]
-struct Block {
+pub(super) struct Block {
     /// Its centre in metres.
-    centre: DVec3,
+    pub(super) centre: DVec3,
     /// Edge of a voxel.
-    h: f64,
+    pub(super) h: f64,
     /// Half the edge of its extent.
-    half_edge: f64,
+    pub(super) half_edge: f64,
 }
 
 impl Field {
@@ -79,6 +77,7 @@ impl Field {
         region.tubes.clear();
         region.pieces.clear();
         region.layers.clear();
+        region.sums.clear();
         region.octaves.clear();
         let h = lattice.voxel_size;
         #[allow(clippy::cast_precision_loss, reason = "block coordinates fit 29 bits")]
@@ -266,7 +265,7 @@ impl Field {
                 _ => 1.0 + margin,
             },
         ];
-        let (layers, fades) = self.layers(tube, s, arc_middle, h, region);
+        let (layers, [fades, in_world]) = self.layers(tube, s, arc_middle, block, region);
         region.parts.push(Part {
             arc: arc_middle,
             ends: Some([(segment, interval.t[0]), (segment, interval.t[1])]),
@@ -292,6 +291,7 @@ impl Field {
             radial: tube.radial,
             layers,
             fades,
+            in_world,
         });
     }
 
@@ -346,7 +346,7 @@ impl Field {
         for (k, value) in turn.into_iter().enumerate() {
             base[U + 1 + k] = value;
         }
-        let (layers, fades) = self.layers(tube, [section.arc; 2], section.arc, block.h, region);
+        let (layers, [fades, in_world]) = self.layers(tube, [section.arc; 2], section.arc, block, region);
         region.parts.push(Part { arc: section.arc, ends: None, certified: true });
         let gain = (section.gain != 1.0).then(|| {
             let mut gain = [0.0; TERMS];
@@ -374,42 +374,31 @@ impl Field {
             radial: tube.radial,
             layers,
             fades,
+            in_world,
         });
     }
 
-    /// The tube's layers for feet whose arc length lies in `s`, with heights taken from that of `origin`.
+    /// The tube's layers for feet whose arc length lies in `s`, with heights taken from that of `origin`, and whether
+    /// octaves fade and world coordinates are needed.
     pub(super) fn layers<T: Scalar>(
         &self,
         tube: &Tube,
         s: [f64; 2],
         origin: f64,
-        h: f64,
+        block: Block,
         region: &mut Region<T>,
-    ) -> ([usize; 2], bool) {
+    ) -> ([usize; 2], [bool; 2]) {
         let first = region.layers.len();
-        let mut fades = false;
+        let (mut fades, mut in_world) = (false, false);
         for layer in &tube.layers {
             let kind = match &layer.kind {
                 tube::LayerKind::Constant(value) => LayerKind::Constant(T::from_f64(*value)),
                 tube::LayerKind::Sectors => LayerKind::Sectors,
-                tube::LayerKind::Fractal(fractal) => {
-                    let rates = Rates::new(tube, fractal, h);
-                    let band = if self.octave_fade { rates.band(tube, s, h) } else { [f64::NEG_INFINITY; 2] };
-                    let start = region.octaves.len();
-                    for octave in &fractal.octaves {
-                        let finer = f64::from(octave.index) * fractal.log2_lacunarity;
-                        if band[0] + finer > BAND[1] + SURE {
-                            continue;
-                        }
-                        let fade = (band[1] + finer > BAND[0] - SURE).then(|| T::from_f64(finer));
-                        fades |= fade.is_some();
-                        let mut at = octave.origin;
-                        at[2] += octave.frequency[2] * origin * tube.height_rate();
-                        let octave = noise::Octave::new(at, octave.frequency, octave.seed, octave.amplitude);
-                        region.octaves.push(Octave { octave, fade });
-                    }
-                    let rates = round([rates.across * rates.across, rates.along, rates.twist]);
-                    LayerKind::Fractal { octaves: [start, region.octaves.len()], rates }
+                tube::LayerKind::Perlin(perlin) => {
+                    let place = Place { s, origin, block, octave_fade: self.octave_fade };
+                    let kind = place.perlin(tube, perlin, region, &mut fades);
+                    in_world |= matches!(kind, LayerKind::Perlin { in_world: true, .. });
+                    kind
                 }
             };
             let threshold = layer.threshold.map(T::from_f64);
@@ -420,7 +409,7 @@ impl Field {
                 multiplier: T::from_f64(layer.multiplier),
             });
         }
-        ([first, region.layers.len()], fades)
+        ([first, region.layers.len()], [fades, in_world])
     }
 }
 
@@ -462,44 +451,6 @@ fn touch(tube: &Tube, end: (usize, f64), next: (usize, f64)) -> bool {
         && end.1 >= 1.0
         && next.1 <= 0.0
         && tube.curve.turn(end.0) <= CORNER
-}
-
-/// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.
-const SURE: f64 = 1e-4;
-
-/// First-octave cells per voxel.
-pub(super) struct Rates {
-    /// Across the tube, at a radius of one voxel.
-    across: f64,
-    /// Along it.
-    along: f64,
-    /// Along it, by twist, at the surface.
-    twist: f64,
-}
-
-impl Rates {
-    pub(super) fn new(tube: &Tube, fractal: &tube::Fractal, h: f64) -> Rates {
-        Rates {
-            across: fractal.rate[0],
-            along: fractal.rate[1] * tube.height_rate() * h,
-            twist: fractal.rate[0] * tube.twist_rate * h,
-        }
-    }
-
-    /// Bounds of log2 of cells per voxel over the arc lengths `s`.
-    pub(super) fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
-        let x = s.map(|s| s / tube.curve.length());
-        let [least, most] = tube.radius.range(x);
-        let low = (self.across * h / most).max(self.along);
-        let high = larger_singular_value(self.across * h / least, self.twist, self.along);
-        [libm::log2(low), libm::log2(high)]
-    }
-}
-
-/// Of `[a c; 0 b]`.
-fn larger_singular_value(a: f64, c: f64, b: f64) -> f64 {
-    let sum = a * a + b * b + c * c;
-    (0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())).sqrt()
 }
 
 /// Turns at an arc length, taken in double precision to within half a turn of 0, and per unit of height.

@@ -25,6 +25,7 @@ pub struct Region<T> {
     pub(crate) join: Option<Overlap>,
     pub(crate) pieces: Vec<Piece<T>>,
     pub(crate) layers: Vec<Layer<T>>,
+    pub(crate) sums: Vec<Sum<T>>,
     pub(crate) octaves: Vec<Octave<T>>,
     /// Of the last tube's pieces, in the order in which they were found.
     pub(crate) parts: Vec<Part>,
@@ -108,6 +109,8 @@ pub(crate) struct Piece<T> {
     pub(crate) layers: [usize; 2],
     /// Some octave fades somewhere in the piece.
     pub(crate) fades: bool,
+    /// Some layer is a pattern over the world's coordinates.
+    pub(crate) in_world: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -122,12 +125,29 @@ pub(crate) struct Layer<T> {
 pub(crate) enum LayerKind<T> {
     Constant(T),
     Sectors,
-    Fractal {
-        /// Octaves in `Region::octaves`.
-        octaves: [usize; 2],
-        /// First-octave cells per voxel: squared, across at radius 1 voxel; along; by twist at the surface.
-        rates: [T; 3],
+    Perlin {
+        /// Sums in `Region::sums`: the last is the pattern, those before it displace its coordinates.
+        sums: [usize; 2],
+        /// Over the world's coordinates, in voxels from the block's centre.
+        in_world: bool,
     },
+}
+
+/// A fractal sum.
+#[derive(Debug, Clone)]
+pub(crate) struct Sum<T> {
+    /// Octaves in `Region::octaves`.
+    pub(crate) octaves: [usize; 2],
+    /// Some of them fade within the piece.
+    pub(crate) fades: bool,
+    /// First-octave cells per voxel: squared, across at radius 1 voxel; along; by twist at the surface.
+    pub(crate) rates: [T; 3],
+    /// What the octaves that are left out add.
+    pub(crate) mean: T,
+    /// The coordinate that it displaces for the last sum, and by how much where it is 1; `None` for that one.
+    pub(crate) displaces: Option<(usize, T)>,
+    /// Which of its own coordinates are displaced.
+    pub(crate) displaced: [bool; 3],
 }
 
 #[derive(Debug, Clone)]

@@ -1,19 +1,25 @@
 //! The tubes' cylinders at rest, laid out in slices for the quadrature of their mass.
 //!
-//! Along a cylinder: composite Gauss-Legendre quadrature, on panels that end where the faded ends do, at the radius's keys
-//! and at the curve's joints. Across it: rings at Gauss-Legendre nodes of the distance to the axis, each of evenly spaced
-//! points (the trapezoidal rule, which converges like Gauss's for what is smooth around the axis). Every slice is turned
-//! against the one before it by the golden angle, so that where noise is finer than the points, its samples do not repeat.
+//! Along a cylinder: composite Gauss-Legendre quadrature, on panels that end where the faded ends do, at the radius's
+//! keys and at the curve's joints. Across it: rings at Gauss-Legendre nodes of the distance to the axis, each of
+//! evenly spaced points (the trapezoidal rule, which converges like Gauss's for what is smooth around the axis). Every
+//! slice is turned against the one before it by the golden angle, so that where noise is finer than the points, its
+//! samples do not repeat.
 
 use std::f64::consts::{PI, TAU};
 
+use glam::DVec3;
+
 use super::kernel::{self, Scratch};
+use super::layers;
+use super::narrow::Block;
 use super::region::Region;
+use super::span::MOST_GAIN;
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice, VOXELS};
 use crate::num::quadrature::gauss_legendre;
 use crate::num::{Real, Scalar};
-use crate::scene::{self, Caps, Conserve, Overlap, Radial, Scene};
+use crate::scene::{self, Caps, Conserve, Overlap, Radial, Scene, Space};
 
 /// The golden angle in turns.
 const GOLDEN: f64 = 0.381_966_011_250_105_15;
@@ -34,10 +40,13 @@ pub struct Cylinders {
     panels: usize,
 }
 
-/// Points of the unit disc, with their weights times the radial envelope.
+/// Points of the unit disc.
 #[derive(Debug, Clone, Default)]
 struct Disc {
+    /// u, v, and the weight times the radial envelope.
     points: Vec<[f64; 3]>,
+    /// Distance between rings, and between the points of each.
+    spacing: f64,
 }
 
 /// A cross-section of a cylinder at rest, or of its tube's round end.
@@ -53,6 +62,9 @@ pub struct Slice {
     weight: f64,
     /// Cosine and sine by which the disc is turned.
     turn: [f64; 2],
+    /// Where the disc is in the world, and where u and v point there.
+    centre: DVec3,
+    axes: [DVec3; 2],
     /// Radius in metres, which octaves fade by.
     radius: f64,
     is_deformed: bool,
@@ -118,14 +130,19 @@ impl Cylinders {
         let points = &self.disc(slice).points[first..];
         let count = points.len().min(VOXELS);
         let radius = T::from_f64(slice.radius / lattice.voxel_size);
+        let axes = slice.axes.map(|axis| axis * (slice.radius / lattice.voxel_size));
         for (i, &[u, v, _]) in points[..count].iter().enumerate() {
             let [u, v] = slice.turned([u, v]);
+            let place = axes[0] * u + axes[1] * v;
             scratch.u[i] = T::from_f64(u);
             scratch.v[i] = T::from_f64(v);
             scratch.height[i] = T::from_f64(0.0);
             scratch.weight[i] = T::from_f64(1.0);
             scratch.radius[i] = radius;
             scratch.q[i] = T::from_f64(u * u + v * v);
+            for axis in 0..3 {
+                scratch.place[axis][i] = T::from_f64(place[axis]);
+            }
         }
         count
     }
@@ -139,7 +156,11 @@ impl Cylinders {
         scratch: &Scratch<T>,
     ) -> Masses {
         let mut masses = Masses::default();
-        let points = &self.disc(slice).points[first..first + count];
+        let disc = self.disc(slice);
+        let points = &disc.points[first..first + count];
+        // A line across the disc parts the points' own shares of it, too: `1 - kappa rho cos` over one of them.
+        let bend = (slice.bend[0] * slice.bend[0] + slice.bend[1] * slice.bend[1]).sqrt();
+        let share = if bend > 1.0 { bend * disc.spacing } else { 0.0 };
         for (&[u, v, weight], &layers) in points.iter().zip(&scratch.weight) {
             let mass = slice.weight * weight * layers.to_f64().max(0.0);
             if slice.is_cap() {
@@ -149,10 +170,15 @@ impl Cylinders {
             masses.rest += mass;
             let [u, v] = slice.turned([u, v]);
             let focal = 1.0 - (u * slice.bend[0] + v * slice.bend[1]);
-            if slice.is_deformed && focal > 0.0 {
-                masses.image += mass * slice.image(focal);
-            } else {
+            if !slice.is_deformed {
                 masses.lost += mass;
+                continue;
+            }
+            if share > 0.0 {
+                masses.lost += mass * (0.5 - focal / share).clamp(0.0, 1.0);
+            }
+            if focal > 0.0 {
+                masses.image += mass * slice.image(focal);
             }
         }
         masses
@@ -177,13 +203,11 @@ impl Slice {
     /// Mass of the image over that at rest, where `1 - kappa rho cos` is `focal`.
     fn image(&self, focal: f64) -> f64 {
         let fade = if self.fades_at_focus { smoothstep(focal / 0.2) } else { 1.0 };
-        let kept = if self.conserve == Conserve::Full { focal / focal.max(LEAST_FOCAL) } else { focal };
+        let kept =
+            if self.conserve == Conserve::Full { focal / focal.max(kernel::LEAST_NARROWING) } else { focal };
         fade * kept * self.swell
     }
 }
-
-/// Below this, `1 - kappa rho cos` no longer adds to the density of a tube that conserves fully.
-const LEAST_FOCAL: f64 = 0.05;
 
 impl Field {
     /// The cylinders at rest of the scene that the field was compiled from, in slices of about `points` points in all:
@@ -203,19 +227,15 @@ impl Field {
         cylinders
     }
 
-    /// Narrows the field to the layers of a slice, whose points have height 0; says whether any octave fades there.
-    /// `region` is overwritten.
-    pub fn narrow_to_slice<T: Scalar>(
-        &self,
-        lattice: Lattice,
-        slice: &Slice,
-        region: &mut Region<T>,
-    ) -> bool {
+    /// Narrows the field to the layers of a slice, whose points have height 0, with patterns in the world as the
+    /// disc's image has them. `region` is overwritten.
+    pub fn narrow_to_slice<T: Scalar>(&self, lattice: Lattice, slice: &Slice, region: &mut Region<T>) {
         region.pieces.clear();
         region.layers.clear();
+        region.sums.clear();
         region.octaves.clear();
-        let (arc, tube) = (slice.arc, &self.tubes[slice.tube]);
-        self.layers(tube, [arc; 2], arc, lattice.voxel_size, region).1
+        let block = Block { centre: slice.centre, h: lattice.voxel_size, half_edge: 0.0 };
+        self.layers(&self.tubes[slice.tube], [slice.arc; 2], slice.arc, block, region);
     }
 }
 
@@ -224,11 +244,10 @@ impl Field {
 pub fn evaluate<R: Real>(
     token: R::Token,
     region: &Region<R::Scalar>,
-    fades: bool,
     scratch: &mut Scratch<R::Scalar>,
     count: usize,
 ) {
-    kernel::layers::<R>(token, region, [0, region.layers.len()], fades, scratch, count);
+    layers::layers::<R>(token, region, [0, region.layers.len()], scratch, count);
 }
 
 /// Points of a tube, at least.
@@ -306,19 +325,62 @@ impl Layout<'_> {
         }
         breaks.sort_by(f64::total_cmp);
         breaks.dedup_by(|b, a| *b - *a < 1e-9);
-        breaks
+        let mut fine = vec![0.0];
+        let mut left = points / 512.0;
+        for ends in breaks.windows(2) {
+            self.halve([ends[0], ends[1]], &mut left, &mut fine);
+        }
+        fine
+    }
+
+    /// Appends the ends of parts of an interval along which, where the focal set is near, bending changes by little;
+    /// no more than `left` of them.
+    fn halve(&self, [start, end]: [f64; 2], left: &mut f64, ends: &mut Vec<f64>) {
+        /// The focal fade begins at 0.8.
+        const BENT: f64 = 0.75;
+        const CHANGE: f64 = 0.2;
+        const SHORTEST: f64 = 1e-4;
+        let [mut least, mut most] = [f64::INFINITY, 0.0_f64];
+        for part in [0.001, 0.25, 0.5, 0.75, 0.999] {
+            let bend = self.bend(start + part * (end - start));
+            least = least.min(bend);
+            most = most.max(bend);
+        }
+        if most < BENT || most - least < CHANGE * most || end - start < SHORTEST || *left < 1.0 {
+            ends.push(end);
+            return;
+        }
+        *left -= 1.0;
+        let middle = 0.5 * (start + end);
+        self.halve([start, middle], left, ends);
+        self.halve([middle, end], left, ends);
+    }
+
+    /// Curvature times radius.
+    fn bend(&self, x: f64) -> f64 {
+        let curve = &self.tube.curve;
+        let (segment, t) = curve.locate(x * curve.length());
+        let (d1, d2) = (curve.segments()[segment].d1(t), curve.segments()[segment].d2(t));
+        let speed = d1.length();
+        let bend = d1.cross(d2).length() / (speed * speed * speed) * self.tube.radius.at(x);
+        if bend.is_finite() { bend } else { 0.0 }
     }
 
     /// Cells of noise in the first octave over the radius, and along the tube.
     fn cells(&self) -> [f64; 2] {
         let mut cells = [0.0_f64; 2];
         for layer in &self.tube.layers {
-            if let LayerKind::Fractal(fractal) = &layer.kind
-                && !fractal.octaves.is_empty()
-            {
-                cells[0] = cells[0].max(fractal.rate[0]);
-                cells[1] = cells[1].max(fractal.rate[1] * self.tube.height_rate() * self.tube.curve.length());
+            let LayerKind::Perlin(perlin) = &layer.kind else { continue };
+            if perlin.sum.octaves.is_empty() {
+                continue;
             }
+            let [u, v, l] = perlin.sum.frequency;
+            let (across, along) = match perlin.space {
+                Space::Cylinder => (u.max(v), l * self.tube.height_rate()),
+                Space::World => (u.max(v).max(l) * self.tube.radius.range([0.0, 1.0])[1], u.max(v).max(l)),
+            };
+            cells[0] = cells[0].max(across);
+            cells[1] = cells[1].max(along * self.tube.curve.length());
         }
         cells
     }
@@ -341,6 +403,7 @@ impl Layout<'_> {
             if along.is_finite() { along } else { 0.0 }
         });
         let (sin, cos) = (libm::sin(phi), libm::cos(phi));
+        let axes = [frame.normal * cos + frame.binormal * sin, frame.binormal * cos - frame.normal * sin];
         let axial = match tube.caps {
             Caps::Fade(fraction) => smoothstep(x / fraction) * smoothstep((1.0 - x) / fraction),
             Caps::Flat | Caps::Round => 1.0,
@@ -354,12 +417,18 @@ impl Layout<'_> {
             arc,
             weight: volume * width * axial,
             turn: [libm::cos(turn), libm::sin(turn)],
+            centre: curve.segments()[segment].at(t),
+            axes,
             radius,
             is_deformed: !tube.radius.vanishes_at(x),
             bend: [n * cos + b * sin, b * cos - n * sin],
             swell: match self.rest.conserve {
                 Conserve::Off => own * own * curve.length() / volume,
-                Conserve::Radius | Conserve::Full => 1.0,
+                // The gain has its limit.
+                Conserve::Radius | Conserve::Full => {
+                    let grown = radius * radius * curve.length() / volume;
+                    (MOST_GAIN * grown).min(1.0)
+                }
             },
             conserve: self.rest.conserve,
             fades_at_focus: self.rest.overlap != Overlap::Closest,
@@ -370,11 +439,12 @@ impl Layout<'_> {
     fn cap(&self, x: f64) -> Option<Slice> {
         let mut slice = self.slice(x, 1.0, 2, 0, 0.0);
         let own = self.tube.radius.own(x);
-        // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is thinner.
+        // The half ball's volume over its disc's is a radius; and where nothing is conserved, a widened ball is
+        // thinner.
         let gain = match self.rest.conserve {
             Conserve::Off => own * own / (slice.radius * slice.radius),
             Conserve::Radius | Conserve::Full => {
-                slice.weight / (slice.radius * slice.radius * self.tube.curve.length())
+                (slice.weight / (slice.radius * slice.radius * self.tube.curve.length())).min(MOST_GAIN)
             }
         };
         slice.weight = gain * slice.radius * slice.radius * slice.radius;
@@ -407,7 +477,7 @@ impl Disc {
                 number += 1.0;
             }
         }
-        Disc { points }
+        Disc { points, spacing: 1.0 / rings }
     }
 }
 

@@ -13,7 +13,7 @@ const DEPTH: u32 = 40;
 /// Below this fraction of the largest radius there is no tube.
 pub(crate) const LEAST_RADIUS: f64 = 1e-6;
 /// Nothing gains more density than this, so that no value leaves the range of single precision.
-const MOST_GAIN: f64 = 1e6;
+pub(super) const MOST_GAIN: f64 = 1e6;
 
 /// An interval of a segment, with polynomials in tau, where t = middle + half tau.
 ///

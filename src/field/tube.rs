@@ -4,18 +4,16 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
+use super::pattern::Perlin;
 use super::radius::Radius;
 use super::span::{Axis, Section, Span};
 use crate::curve::Curve;
-use crate::noise::{octave_offset, octave_seed};
-use crate::scene::{self, Caps, Conserve, Op, Overlap, Pattern, Radial};
+use crate::scene::{self, Caps, Conserve, Op, Overlap, Pattern, Radial, Space};
 
 /// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
 pub(crate) const CORNER: f64 = 1e-7;
 /// Where the tangents of a cusp are taken, in t.
 const ASIDE: f64 = 1e-6;
-/// Octaves with more cells than this across the tube are left out: single precision cannot place a voxel in them.
-const FINEST: f64 = 4_194_304.0;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Tube {
@@ -38,6 +36,8 @@ pub(crate) struct Tube {
     pub(crate) turns: Option<[f64; 2]>,
     /// Radians of twist per metre.
     pub(crate) twist_rate: f64,
+    /// Keys that densities do not read, and whether they are given.
+    pub(crate) unused: [(&'static str, bool); 2],
 }
 
 /// A place where all points of a half ball or of a wedge have their foot.
@@ -67,34 +67,14 @@ pub(crate) struct Layer {
 pub(crate) enum LayerKind {
     Constant(f64),
     Sectors,
-    Fractal(Fractal),
-}
-
-/// A fractal sum at one time.
-#[derive(Debug, Clone)]
-pub(crate) struct Fractal {
-    pub(crate) octaves: Vec<Octave>,
-    /// Cells per unit of u and v (the larger), and of l, in the first octave.
-    pub(crate) rate: [f64; 2],
-    pub(crate) log2_lacunarity: f64,
-    /// Octaves of the scene that are never evaluated.
-    pub(crate) skipped: u32,
-}
-
-#[derive(Debug, Clone)]
-pub(crate) struct Octave {
-    pub(crate) index: u32,
-    pub(crate) frequency: [f64; 3],
-    /// Lattice coordinate at (0, 0, 0).
-    pub(crate) origin: [f64; 3],
-    pub(crate) seed: u32,
-    pub(crate) amplitude: f64,
+    Perlin(Box<Perlin>),
 }
 
 impl Tube {
     pub(crate) fn compile(tube: &scene::Tube) -> Tube {
         let turns = [tube.turned - (tube.turned + 0.5).floor(), tube.twist / tube.curve.length()];
         let is_turned = turns != [0.0; 2] && tube.layers.iter().any(|layer| !is_round(&layer.pattern));
+        let around = tube.curve.is_closed().then(|| if tube.stretch { 1.0 } else { tube.curve.length() });
         let lengthened = if tube.stretch { tube.rest.length / tube.curve.length() } else { 1.0 };
         let mut tube = Tube {
             name: tube.name.clone(),
@@ -108,10 +88,11 @@ impl Tube {
             conserved: (tube.conserve != Conserve::Off)
                 .then_some(tube.rest.radius * tube.rest.radius * lengthened),
             overlap: tube.overlap,
-            layers: tube.layers.iter().map(compile_layer).collect(),
+            layers: tube.layers.iter().map(|layer| compile_layer(layer, around)).collect(),
             stretch: tube.stretch,
             turns: is_turned.then_some(turns),
             twist_rate: TAU * turns[1],
+            unused: [("color", tube.color.is_some()), ("temperature", tube.temperature.is_some())],
         };
         tube.lay();
         tube
@@ -184,7 +165,7 @@ fn is_round(pattern: &Pattern) -> bool {
     match pattern {
         Pattern::Constant(_) => true,
         Pattern::Sectors => false,
-        Pattern::Perlin(fbm) => fbm.octaves == 0,
+        Pattern::Perlin(fbm) => fbm.octaves == 0 || fbm.space == Space::World,
     }
 }
 
@@ -242,40 +223,11 @@ fn points(axis: &Axis, caps: Caps) -> Vec<Point> {
     points
 }
 
-fn compile_layer(layer: &scene::Layer) -> Layer {
+fn compile_layer(layer: &scene::Layer, around: Option<f64>) -> Layer {
     let kind = match &layer.pattern {
         Pattern::Constant(value) => LayerKind::Constant(*value),
         Pattern::Sectors => LayerKind::Sectors,
-        Pattern::Perlin(fbm) => LayerKind::Fractal(compile_fractal(fbm)),
+        Pattern::Perlin(fbm) => LayerKind::Perlin(Box::new(Perlin::compile(fbm, around))),
     };
     Layer { op: layer.op, kind, threshold: layer.threshold, multiplier: layer.multiplier }
-}
-
-fn compile_fractal(fbm: &scene::Fbm) -> Fractal {
-    let mut octaves = Vec::new();
-    let mut skipped = fbm.octaves;
-    let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
-    for index in 0..fbm.octaves {
-        let frequency = fbm.frequency.map(|f| f * scale);
-        let offset = octave_offset(fbm.seed, index);
-        let origin = [0, 1, 2].map(|i| offset[i] - fbm.scrolled[i] * scale);
-        if amplitude > 0.0 && frequency[0].max(frequency[1]) <= FINEST {
-            skipped -= 1;
-            octaves.push(Octave { index, frequency, origin, seed: octave_seed(fbm.seed, index), amplitude });
-        }
-        total += amplitude;
-        scale *= fbm.lacunarity;
-        amplitude *= fbm.gain;
-    }
-    if fbm.normalise && total > 0.0 {
-        for octave in &mut octaves {
-            octave.amplitude /= total;
-        }
-    }
-    Fractal {
-        octaves,
-        rate: [fbm.frequency[0].max(fbm.frequency[1]), fbm.frequency[2]],
-        log2_lacunarity: libm::log2(fbm.lacunarity),
-        skipped,
-    }
 }

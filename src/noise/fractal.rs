@@ -1,16 +1,23 @@
 //! Sums of octaves.
 
-use super::perlin;
+use super::Form;
+use super::perlin::{Period, corners, third_hash};
 use crate::num::{Real, Scalar};
 
-/// One octave, ready for a block: the lattice coordinate is `cell + shift + scale * p`.
+/// One octave, ready for a block: the lattice coordinate is `cell + shift + steps p`.
 #[derive(Debug, Clone, Copy)]
 pub struct Octave<T> {
     cell: [u32; 3],
     shift: [T; 3],
-    scale: [T; 3],
+    steps: [[T; 3]; 3],
+    /// Neither turned nor periodic, and fBm.
+    is_plain: bool,
+    period: Option<Period<T>>,
+    form: Form,
     seed: u32,
     amplitude: T,
+    /// Amplitude times the form's mean.
+    mean: T,
 }
 
 impl<T: Scalar> Octave<T> {
@@ -18,25 +25,74 @@ impl<T: Scalar> Octave<T> {
     ///
     /// The whole part of `origin` is taken modulo 2^32; its remainder keeps the precision that `origin` has.
     pub fn new(origin: [f64; 3], scale: [f64; 3], seed: u32, amplitude: f64) -> Octave<T> {
+        let [x, y, z] = scale;
+        let steps = [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]];
+        Octave::turned(origin, steps, None, Form::Fbm, seed, amplitude)
+    }
+
+    /// The same of any form, with lattice coordinate i changing by `steps[i][j]` per unit of `p[j]`, on a lattice that
+    /// repeats after `period` cells, a whole number from 1 to 2^22, along its third axis.
+    pub fn turned(
+        origin: [f64; 3],
+        steps: [[f64; 3]; 3],
+        period: Option<f64>,
+        form: Form,
+        seed: u32,
+        amplitude: f64,
+    ) -> Octave<T> {
         let floor = origin.map(f64::floor);
+        let period = period.map(|cells| Period {
+            cells: T::from_f64(cells),
+            first: T::from_f64(floor[2].rem_euclid(cells)),
+        });
+        let across = [steps[0][1], steps[0][2], steps[1][0], steps[1][2], steps[2][0], steps[2][1]];
         Octave {
             cell: floor.map(Real::lattice),
             shift: [0, 1, 2].map(|i| T::from_f64(origin[i] - floor[i])),
-            scale: scale.map(T::from_f64),
+            steps: steps.map(|row| row.map(T::from_f64)),
+            is_plain: across == [0.0; 6] && period.is_none() && form == Form::Fbm,
+            period,
+            form,
             seed,
             amplitude: T::from_f64(amplitude),
+            mean: T::from_f64(amplitude * form.mean()),
         }
     }
 
     /// Its value at p, amplitude included.
     #[inline(always)]
     pub fn value<R: Real<Scalar = T>>(&self, token: R::Token, p: [R; 3]) -> R {
-        let at = [
-            p[0] * R::splat(token, self.scale[0]) + R::splat(token, self.shift[0]),
-            p[1] * R::splat(token, self.scale[1]) + R::splat(token, self.shift[1]),
-            p[2] * R::splat(token, self.scale[2]) + R::splat(token, self.shift[2]),
+        let (steps, shift) = (&self.steps, &self.shift);
+        let mut at = [
+            p[0] * R::splat(token, steps[0][0]) + R::splat(token, shift[0]),
+            p[1] * R::splat(token, steps[1][1]) + R::splat(token, shift[1]),
+            p[2] * R::splat(token, steps[2][2]) + R::splat(token, shift[2]),
         ];
-        perlin(token, self.cell, at, self.seed) * R::splat(token, self.amplitude)
+        let zs = if self.is_plain {
+            third_hash(token, self.cell[2], at[2], None)
+        } else {
+            at[0] = at[0] + p[1] * R::splat(token, steps[0][1]) + p[2] * R::splat(token, steps[0][2]);
+            at[1] = at[1] + p[0] * R::splat(token, steps[1][0]) + p[2] * R::splat(token, steps[1][2]);
+            at[2] = at[2] + p[0] * R::splat(token, steps[2][0]) + p[1] * R::splat(token, steps[2][1]);
+            third_hash(token, self.cell[2], at[2], self.period)
+        };
+        let mut n = corners(token, [self.cell[0], self.cell[1]], at, zs, self.seed);
+        if !self.is_plain {
+            n = self.form.of(token, n);
+        }
+        n * R::splat(token, self.amplitude)
+    }
+
+    /// What is left of a value that has faded to `weight`.
+    #[inline(always)]
+    pub fn faded<R: Real<Scalar = T>>(&self, token: R::Token, value: R, weight: R) -> R {
+        match self.form {
+            Form::Fbm => value * weight,
+            Form::Billow | Form::Ridged => {
+                let mean = R::splat(token, self.mean);
+                mean + weight * (value - mean)
+            }
+        }
     }
 }
 
@@ -51,8 +107,13 @@ pub fn octave_offset(s: u32, k: u32) -> [f64; 3] {
     [0, 1, 2].map(|axis| f64::from(scramble(start.wrapping_add(axis))) / 4_294_967_296.0)
 }
 
+/// Seed of the displacement along `axis` by a warp with the seed `s`.
+pub fn warp_seed(s: u32, axis: u32) -> u32 {
+    scramble(s ^ (0x68E3_1DA4 + axis))
+}
+
 /// A bijective mix of 32 bits (the constants are those of Wellons' `lowbias32`, 2018).
-fn scramble(mut x: u32) -> u32 {
+pub(super) fn scramble(mut x: u32) -> u32 {
     x ^= x >> 16;
     x = x.wrapping_mul(0x7FEB_352D);
     x ^= x >> 15;

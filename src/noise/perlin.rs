@@ -18,6 +18,56 @@ const THIRD: u32 = 715_827_882;
 /// `|p|` must stay below 2^31; its fraction is as precise as `R` holds it.
 #[inline(always)]
 pub fn perlin<R: Real>(token: R::Token, cell: [u32; 3], p: [R; 3], seed: u32) -> R {
+    perlin_around(token, cell, p, seed, None)
+}
+
+/// The number of cells after which a lattice repeats along its third axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Period<T> {
+    /// A whole number from 1 to 2^22.
+    pub cells: T,
+    /// The cell that stands in the place of `cell[2]`: whole, at least 0 and below `cells`.
+    pub first: T,
+}
+
+/// The same, on a lattice that repeats along its third axis if there is a period.
+///
+/// `|p|` along that axis must then stay below 2^23.
+#[inline(always)]
+pub fn perlin_around<R: Real>(
+    token: R::Token,
+    cell: [u32; 3],
+    p: [R; 3],
+    seed: u32,
+    period: Option<Period<R::Scalar>>,
+) -> R {
+    let zs = third_hash(token, cell[2], p[2], period);
+    corners(token, [cell[0], cell[1]], p, zs, seed)
+}
+
+/// Hash terms of the cell at the third coordinate `z` and of the next.
+#[inline(always)]
+pub(super) fn third_hash<R: Real>(
+    token: R::Token,
+    cell: u32,
+    z: R,
+    period: Option<Period<R::Scalar>>,
+) -> (R::Bits, R::Bits) {
+    match period {
+        None => axis_hash::<R>(token, z.floor(), cell, Z_PRIME, 0),
+        Some(period) => loop_hash::<R>(token, z.floor(), period, Z_PRIME),
+    }
+}
+
+/// The noise, with the hash terms along the third axis given.
+#[inline(always)]
+pub(super) fn corners<R: Real>(
+    token: R::Token,
+    cell: [u32; 2],
+    p: [R; 3],
+    zs: (R::Bits, R::Bits),
+    seed: u32,
+) -> R {
     let floor = [p[0].floor(), p[1].floor(), p[2].floor()];
     let one = R::constant(token, 1.0);
     let (x0, y0, z0) = (p[0] - floor[0], p[1] - floor[1], p[2] - floor[2]);
@@ -25,7 +75,6 @@ pub fn perlin<R: Real>(token: R::Token, cell: [u32; 3], p: [R; 3], seed: u32) ->
 
     let xs = axis_hash::<R>(token, floor[0], cell[0], X_PRIME, seed);
     let ys = axis_hash::<R>(token, floor[1], cell[1], Y_PRIME, 0);
-    let zs = axis_hash::<R>(token, floor[2], cell[2], Z_PRIME, 0);
 
     let (u, v, w) = (fade(token, x0), fade(token, y0), fade(token, z0));
     let yz00 = R::bits_xor(ys.0, zs.0);
@@ -50,6 +99,27 @@ fn axis_hash<R: Real>(token: R::Token, floor: R, cell: u32, prime: u32, seed: u3
     let high = R::bits_add(low, prime_lanes);
     let seed = R::bits_splat(token, seed);
     let (low, high) = (R::bits_xor(low, seed), R::bits_xor(high, seed));
+    (R::bits_xor(low, R::bits_shr16(low)), R::bits_xor(high, R::bits_shr16(high)))
+}
+
+/// The same on a lattice that repeats.
+///
+/// Every number here is whole and below 2^24, so exact. The quotient of one by the period rounds to a whole number only
+/// where it is one: others are at least 1 / period away from it, more than half a unit in the last place.
+#[inline(always)]
+fn loop_hash<R: Real>(
+    token: R::Token,
+    floor: R,
+    period: Period<R::Scalar>,
+    prime: u32,
+) -> (R::Bits, R::Bits) {
+    let cells = R::splat(token, period.cells);
+    let at = floor + R::splat(token, period.first);
+    let low = at - (at / cells).floor() * cells;
+    let next = low + R::constant(token, 1.0);
+    let high = R::select(next.lt(cells), next, R::constant(token, 0.0));
+    let prime = R::bits_splat(token, prime);
+    let (low, high) = (R::bits_mul(low.lattice(), prime), R::bits_mul(high.lattice(), prime));
     (R::bits_xor(low, R::bits_shr16(low)), R::bits_xor(high, R::bits_shr16(high)))
 }
 

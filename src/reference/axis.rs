@@ -206,12 +206,38 @@ impl Axis {
         }
     }
 
+    /// Point and frame at an arc length from the start of the curve, metres.
+    pub(super) fn section(&self, arc: f64) -> (Vector3<f64>, Frame) {
+        let starts = |stretch: &&Stretch| self.arc(stretch, 1.0 - stretch.piece.exit()) <= arc;
+        let after = self.stretches.iter().skip(1).take_while(starts);
+        let stretch = &self.stretches[after.count()];
+        let rising = !stretch.piece.reversed();
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if (self.arc(stretch, middle) < arc) == rising {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let x = 0.5 * (low + high);
+        (stretch.piece.point(x), self.frame(stretch, x).1)
+    }
+
+    /// Arc length at x, from the start of the curve.
+    fn arc(&self, stretch: &Stretch, x: f64) -> f64 {
+        let piece = &stretch.piece;
+        let panel = &stretch.panels[stretch.panels.partition_point(|panel| panel.x <= x).max(1) - 1];
+        let length = panel.arc + self.quadrature.integrate(panel.x, x, |x| piece.local(x).speed);
+        if piece.reversed() { stretch.arc - length } else { stretch.arc + length }
+    }
+
     /// Arc length and frame at x.
     fn frame(&self, stretch: &Stretch, x: f64) -> (f64, Frame) {
         let piece = &stretch.piece;
         let panel = &stretch.panels[stretch.panels.partition_point(|panel| panel.x <= x).max(1) - 1];
-        let length = panel.arc + self.quadrature.integrate(panel.x, x, |x| piece.local(x).speed);
-        let arc = if piece.reversed() { stretch.arc - length } else { stretch.arc + length };
+        let arc = self.arc(stretch, x);
         let normal = piece.principal(x).unwrap_or_else(|| transport::step(piece, panel.x, x, panel.normal));
         let frame = Frame::new(piece.tangent_along(x), normal);
         let back = self.unwind * arc;

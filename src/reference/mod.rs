@@ -11,7 +11,8 @@
 //! - arc length: Gauss-Legendre quadrature on panels halved until both halves agree with the whole;
 //! - rotation-minimising frame: its differential equation, by extrapolation of order 16;
 //! - cusps: the segment is cut there and the zero divided out of C', so that the tangent has no noise;
-//! - noise: the sum over eight corners with products of weights, at coordinates of twice double precision.
+//! - noise: the sum over eight corners with products of weights, at coordinates of twice double precision, turned by
+//!   quaternions, around loops in whole numbers.
 //!
 //! Nothing is narrowed or left out but by `q <= 1`. Where the prose leaves a case open, it is read thus:
 //!
@@ -26,19 +27,23 @@
 
 mod axis;
 mod noise;
+mod pattern;
 mod piece;
 mod quadrature;
 mod radius;
+mod rest;
 mod roots;
 #[cfg(test)]
 mod tests;
 mod transport;
 
-pub use noise::{fbm, octave_weight, perlin};
+pub use noise::{octave_weight, perlin, perlin_around};
+pub use pattern::fbm;
 
-use crate::scene::{Caps, Conserve, Layer, Op, Overlap, Pattern, Radial, Scene, Tube};
+use crate::scene::{Caps, Conserve, Layer, Op, Overlap, Pattern, Radial, Scene, Space, Tube};
 use axis::{Axis, Place};
 use nalgebra::{Matrix2, Vector3};
+use pattern::{Ground, pattern};
 use radius::Radius;
 use std::f64::consts::TAU;
 
@@ -191,7 +196,7 @@ impl Bent {
                 continue;
             }
             let fade = smoothstep(0.0, 0.2, at.focal);
-            let unfaded = self.gain(&at) * self.contribution(&at, voxel_size);
+            let unfaded = self.gain(&at) * self.contribution(p, &at, voxel_size);
             let density = if self.tube.overlap == Overlap::Closest { unfaded } else { fade * unfaded };
             let rim = 1.0 - at.q().sqrt();
             voices.push((
@@ -253,7 +258,8 @@ impl Bent {
         })
     }
 
-    fn contribution(&self, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
+    /// The density of the tube before it is deformed.
+    fn contribution(&self, p: [f64; 3], at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let distance = at.q().sqrt();
         let radial = match self.tube.radial {
             Radial::Smooth => (1.0 - distance * distance) * (1.0 - distance * distance),
@@ -267,7 +273,7 @@ impl Bent {
         };
         let mut value = 1.0;
         for layer in &self.tube.layers {
-            let term = self.term(layer, at, voxel_size);
+            let term = self.term(layer, p, at, voxel_size);
             value = match layer.op {
                 Op::Multiply => value * term,
                 Op::Add => value + term,
@@ -278,13 +284,25 @@ impl Bent {
         radial * axial * value
     }
 
-    fn term(&self, layer: &Layer, at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
+    fn term(&self, layer: &Layer, p: [f64; 3], at: &Cylindrical, voxel_size: Option<f64>) -> f64 {
         let pattern = match &layer.pattern {
             Pattern::Constant(value) => *value,
             Pattern::Sectors => f64::from(at.u * at.v > 0.0),
             Pattern::Perlin(noise) => {
-                let cells = voxel_size.map(|h| h * self.rate(noise.frequency, at));
-                fbm(noise, [at.u, at.v, at.l], cells)
+                let rate = |frequency: [f64; 3]| match noise.space {
+                    Space::Cylinder => self.rate(frequency, at),
+                    Space::World => Vector3::from(frequency).max(),
+                };
+                let cells_per_voxel = |frequency| voxel_size.map(|h| h * rate(frequency));
+                let is_loop = self.tube.curve.is_closed() && noise.space == Space::Cylinder;
+                pattern(
+                    noise,
+                    &Ground {
+                        position: if noise.space == Space::World { p } else { [at.u, at.v, at.l] },
+                        around: is_loop.then(|| if self.tube.stretch { 1.0 } else { self.axis.length() }),
+                        cells_per_voxel: &cells_per_voxel,
+                    },
+                )
             }
         };
         layer.multiplier * layer.threshold.map_or(pattern, |threshold| (pattern - threshold).max(0.0))

@@ -1,19 +1,26 @@
-//! Perlin noise and its fractal sums, from the definition in the noise module, one corner at a time.
+//! Perlin noise, from the definition in the noise module, one corner at a time, and the numbers that hold its coordinates.
 
 use super::smoothstep;
-use crate::scene::Fbm;
 use std::ops::Add;
 
 /// Improved Perlin noise over the integer hash at lattice point `cell + fraction`.
 ///
 /// Every integer corner is taken modulo 2^32. `fraction` should lie in [0, 1].
 pub fn perlin(cell: [i64; 3], fraction: [f64; 3], seed: u32) -> f64 {
+    perlin_around(cell, fraction, seed, None)
+}
+
+/// The same on a lattice whose third index is taken modulo `period` first, a whole number from 1 to 2^32.
+pub fn perlin_around(cell: [i64; 3], fraction: [f64; 3], seed: u32, period: Option<f64>) -> f64 {
+    #[allow(clippy::cast_possible_truncation, reason = "a whole number up to 2^32")]
+    let period = period.map(|cells| cells as i64);
     let mut sum = 0.0;
     for corner in 0..8_u32 {
         let (mut index, mut offset, mut weight) = ([0_u32; 3], [0.0; 3], 1.0);
         for axis in 0..3 {
             let up = corner >> axis & 1;
-            index[axis] = modulo(cell[axis].wrapping_add(i64::from(up)));
+            let whole = cell[axis].wrapping_add(i64::from(up));
+            index[axis] = modulo(period.filter(|_| axis == 2).map_or(whole, |cells| whole.rem_euclid(cells)));
             offset[axis] = fraction[axis] - f64::from(up);
             let t = 1.0 - offset[axis].abs();
             weight *= t * t * t * (10.0 - 15.0 * t + 6.0 * t * t);
@@ -22,36 +29,6 @@ pub fn perlin(cell: [i64; 3], fraction: [f64; 3], seed: u32) -> f64 {
         sum += weight * (gradient[0] * offset[0] + gradient[1] * offset[1] + gradient[2] * offset[2]);
     }
     sum
-}
-
-/// A fractal sum at cylinder coordinates (u, v, l).
-///
-/// `cells_per_voxel`, where given, is `h sigma` of the field module's definition: octave k is weighted by
-/// what is left of it at `lac^k` times as many cells a voxel.
-pub fn fbm(noise: &Fbm, position: [f64; 3], cells_per_voxel: Option<f64>) -> f64 {
-    let (mut frequency, mut amplitude) = (Exact::new(1.0), 1.0);
-    let (mut sum, mut total) = (0.0, 0.0);
-    for k in 0..noise.octaves {
-        let weight = cells_per_voxel.map_or(1.0, |cells| octave_weight(cells * frequency.high));
-        if weight > 0.0 {
-            let base = noise.seed.wrapping_mul(0x9E37_79B9).wrapping_add(4 * k);
-            let (mut cell, mut fraction) = ([0; 3], [0.0; 3]);
-            for (axis, salt) in (0..3).zip(1..) {
-                let still = frequency.times(noise.frequency[axis]).times(position[axis]);
-                let moved = still + frequency.times(-noise.scrolled[axis]);
-                let offset = f64::from(mix(base.wrapping_add(salt))) / 4_294_967_296.0;
-                (cell[axis], fraction[axis]) = (moved + Exact::new(offset)).split();
-            }
-            // Past the largest double every point is a corner of the lattice, where the noise is 0.
-            if fraction.iter().all(|t| t.is_finite()) {
-                sum += weight * amplitude * perlin(cell, fraction, mix(base));
-            }
-        }
-        total += amplitude;
-        amplitude *= noise.gain;
-        frequency = frequency.times(noise.lacunarity);
-    }
-    if noise.normalise && total > 0.0 { sum / total } else { sum }
 }
 
 /// What is left of an octave with this many lattice cells a voxel.
@@ -83,7 +60,7 @@ fn gradient(corner: [u32; 3], seed: u32) -> [f64; 3] {
     gradient
 }
 
-fn mix(mut x: u32) -> u32 {
+pub(super) fn mix(mut x: u32) -> u32 {
     x ^= x >> 16;
     x = x.wrapping_mul(0x7FEB_352D);
     x ^= x >> 15;
@@ -95,28 +72,44 @@ fn mix(mut x: u32) -> u32 {
 /// sums: relative error a few 2^-104 (Dekker, "A floating-point technique for extending the available
 /// precision", 1971).
 #[derive(Clone, Copy)]
-struct Exact {
-    high: f64,
+pub(super) struct Exact {
+    pub(super) high: f64,
     low: f64,
 }
 
 impl Exact {
-    fn new(high: f64) -> Exact {
+    pub(super) fn new(high: f64) -> Exact {
         Exact { high, low: 0.0 }
     }
 
-    fn times(self, factor: f64) -> Exact {
+    pub(super) fn times(self, factor: f64) -> Exact {
         let product = self.high * factor;
         let ((a, b), (c, d)) = (halves(self.high), halves(factor));
         let error = (a * c - product) + a * d + b * c + b * d;
         renormalised(product, error + self.low * factor)
     }
 
-    /// The integer part as a number modulo 2^32, and the rest, in [0, 1].
-    fn split(self) -> (i64, f64) {
+    pub(super) fn product(self, other: Exact) -> Exact {
+        self.times(other.high) + self.times(other.low)
+    }
+
+    /// The quotient by a double.
+    pub(super) fn over(self, divisor: f64) -> Exact {
+        let quotient = self.high / divisor;
+        let rest = self + Exact::new(divisor).times(-quotient);
+        renormalised(quotient, rest.high / divisor)
+    }
+
+    /// The nearest double.
+    pub(super) fn value(self) -> f64 {
+        self.high
+    }
+
+    /// The integer part as a number modulo `modulus`, up to 2^32, and the rest, in [0, 1].
+    pub(super) fn split(self, modulus: f64) -> (i64, f64) {
         let floor = self.high.floor();
         let rest = (self.high - floor) + self.low;
-        (wrapped(floor) + wrapped(rest.floor()), rest - rest.floor())
+        (wrapped(floor, modulus) + wrapped(rest.floor(), modulus), rest - rest.floor())
     }
 }
 
@@ -142,17 +135,21 @@ fn renormalised(high: f64, low: f64) -> Exact {
     Exact { high: sum, low: low - (sum - high) }
 }
 
-/// A whole number modulo 2^32, 0 where it is not finite.
+/// A whole number modulo another up to 2^32, 0 where it is not finite.
 #[allow(clippy::cast_possible_truncation, reason = "whole and below 2^32 in magnitude, or not a number")]
-fn wrapped(x: f64) -> i64 {
-    libm::fmod(x, 4_294_967_296.0) as i64
+fn wrapped(x: f64, modulus: f64) -> i64 {
+    libm::fmod(x, modulus) as i64
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "what is not there fails the test")]
 mod tests {
+    use super::super::pattern::fbm;
     use super::super::tests::Random;
     use super::*;
+    use crate::scene::{Fbm, Form, Space};
+
+    const TWO_32: f64 = 4_294_967_296.0;
 
     fn plain() -> Fbm {
         Fbm {
@@ -163,6 +160,11 @@ mod tests {
             normalise: false,
             seed: 3,
             scrolled: [0.0; 3],
+            form: Form::Fbm,
+            rotate: false,
+            warp: None,
+            space: Space::Cylinder,
+            offset: [0.0; 3],
         }
     }
 
@@ -276,17 +278,17 @@ mod tests {
         let mut coordinate = Exact::new(0.1).times(1e10) + Exact::new(0.25);
         // 0.1 as a double is 0.1 + 0.1 * 2^-54.2..., here exactly 3602879701896397 / 2^55.
         let exact = 3_602_879_701_896_397_u128 * 10_000_000_000 + (1 << 53);
-        let (cell, fraction) = coordinate.split();
+        let (cell, fraction) = coordinate.split(TWO_32);
         assert_eq!(u128::try_from(cell).unwrap(), exact >> 55);
         let wanted = f64::from(u32::try_from((exact >> 23) & 0xFFFF_FFFF).unwrap()) / 4_294_967_296.0;
         assert!((fraction - wanted).abs() < 2.4e-10, "{fraction} against {wanted}");
         // The sum of a large and a small number, both ways round.
         coordinate = Exact::new(-1e9) + Exact::new(0.1);
-        let (cell, fraction) = coordinate.split();
+        let (cell, fraction) = coordinate.split(TWO_32);
         assert_eq!(cell, -1_000_000_000);
         assert!((fraction - 0.1).abs() < 1e-16);
         let coordinate = Exact::new(1e-20) + Exact::new(-1e30);
-        assert_eq!(coordinate.split().1, 1e-20);
+        assert_eq!(coordinate.split(TWO_32).1, 1e-20);
     }
 
     #[test]

@@ -3,7 +3,9 @@
 
 use super::*;
 use crate::curve::{Curve, FrameRule, Profile, Segment};
-use crate::scene::{Antialias, Bake, Camera, Conserve, Fbm, Medium, Overlap, Rest, Step, TimeBase, Warnings};
+use crate::scene::{
+    Antialias, Bake, Camera, Conserve, Fbm, Form, Medium, Overlap, Rest, Space, Step, TimeBase, Warnings,
+};
 use glam::DVec3;
 
 /// Uniform numbers in [0, 1) (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014).
@@ -44,6 +46,8 @@ fn tube(segments: Vec<Segment>) -> Tube {
         rest: Rest { radius: 1.0, length: 1.0 },
         overlap: Overlap::Max,
         layers: Vec::new(),
+        color: None,
+        temperature: None,
     }
 }
 
@@ -108,6 +112,11 @@ fn noise() -> Fbm {
         normalise: true,
         seed: 7,
         scrolled: [0.0, 0.05, -0.15],
+        form: Form::Fbm,
+        rotate: false,
+        warp: None,
+        space: Space::Cylinder,
+        offset: [0.0; 3],
     }
 }
 
@@ -473,6 +482,7 @@ fn octaves_fade_by_cells_per_voxel() {
     tube.layers = vec![layer(Op::Multiply, Pattern::Constant(2.0), None, 1.0)];
     tube.layers.push(layer(Op::Add, Pattern::Perlin(noise), None, 1.0));
     let mut scene = scene(vec![tube]);
+    scene.bake.widen = false;
     let p = [0.1, 0.2, 0.7];
     let density = |scene: &Scene, h| Reference::new(scene, h).density(p);
     let full = density(&scene, None) - 2.0;

@@ -28,8 +28,21 @@ pub(super) static TIME: Section = Section { name: "[time]", keys: &["fps", "star
 pub(super) static TUBE: Section = Section {
     name: "[[tube]]",
     keys: &[
-        "name", "curve", "radius", "twist", "spin", "stretch", "frame", "caps", "conserve", "rest",
-        "overlap", "envelope", "layer",
+        "name",
+        "curve",
+        "radius",
+        "twist",
+        "spin",
+        "stretch",
+        "frame",
+        "caps",
+        "conserve",
+        "rest",
+        "overlap",
+        "envelope",
+        "layer",
+        "color",
+        "temperature",
     ],
     later: &[],
 };
@@ -73,10 +86,21 @@ pub(super) static LAYER: Section = Section {
         "normalise",
         "seed",
         "scroll",
+        "form",
+        "rotate",
+        "warp",
+        "space",
+        "offset",
         "value",
         "threshold",
         "multiplier",
     ],
+    later: &[],
+};
+
+pub(super) static WARP: Section = Section {
+    name: "warp",
+    keys: &["amplitude", "frequency", "octaves", "lacunarity", "gain", "seed"],
     later: &[],
 };
 
@@ -90,7 +114,7 @@ pub(super) static LIGHT: Section =
     Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
 
 /// All of them, in the order of a scene.
-pub(super) static SECTIONS: [&Section; 14] = [
-    &ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ORBIT, &TRACK, &RADIUS, &ENVELOPE, &REST, &LAYER, &MEDIUM, &CAMERA,
-    &LIGHT,
+pub(super) static SECTIONS: [&Section; 15] = [
+    &ROOT, &BAKE, &TIME, &TUBE, &CURVE, &ORBIT, &TRACK, &RADIUS, &ENVELOPE, &REST, &LAYER, &WARP, &MEDIUM,
+    &CAMERA, &LIGHT,
 ];

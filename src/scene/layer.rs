@@ -1,14 +1,15 @@
 //! `[[tube.layer]]`: the terms of a tube's density.
 
 use super::error::Fault;
+use super::keys::WARP;
 use super::reader::{Reader, Words};
-use super::{Fbm, Layer, Op, Pattern, limit};
+use super::{Fbm, Form, Layer, Op, Pattern, Space, Warp, limit};
 
 /// No lattice of noise has more cells than this per unit, so that a cell's number fits a 64-bit integer.
 const FINEST: f64 = 1e18;
 /// No value of a tube's layers exceeds this, so that it fits a 32-bit float with room for further steps.
 const LARGEST: f64 = 1e30;
-/// No Perlin noise of one octave exceeds this.
+/// No Perlin noise of one octave exceeds this in magnitude, nor does any form of it.
 const PERLIN_BOUND: f64 = 1.04;
 
 #[derive(Debug, Clone, Copy)]
@@ -22,9 +23,23 @@ impl Noise {
     /// Name, and the keys that this noise takes besides those of every layer.
     fn keys(self) -> (&'static str, &'static [&'static str]) {
         match self {
-            Noise::Perlin => {
-                ("perlin", &["frequency", "octaves", "lacunarity", "gain", "normalise", "seed", "scroll"])
-            }
+            Noise::Perlin => (
+                "perlin",
+                &[
+                    "frequency",
+                    "octaves",
+                    "lacunarity",
+                    "gain",
+                    "normalise",
+                    "seed",
+                    "scroll",
+                    "form",
+                    "rotate",
+                    "warp",
+                    "space",
+                    "offset",
+                ],
+            ),
             Noise::Constant => ("constant", &["value"]),
             Noise::Sectors => ("sectors", &[]),
         }
@@ -42,6 +57,15 @@ static NOISES: Words<Noise> = Words {
     later: &["worley"],
     instead: "this version has \"perlin\", \"constant\" and \"sectors\"",
 };
+
+static FORMS: Words<Form> = Words {
+    known: &[("fbm", Form::Fbm), ("ridged", Form::Ridged), ("billow", Form::Billow)],
+    later: &[],
+    instead: "",
+};
+
+static SPACES: Words<Space> =
+    Words { known: &[("cylinder", Space::Cylinder), ("world", Space::World)], later: &[], instead: "" };
 
 /// The layers of one tube.
 pub(super) fn layers(tables: &[Reader<'_>]) -> Vec<Layer> {
@@ -98,23 +122,56 @@ fn report_strangers(table: &Reader<'_>, noise: Noise) {
 }
 
 fn fbm(table: &Reader<'_>) -> Fbm {
-    let frequency = table.get("frequency").and_then(|item| item.vector_or_number(&limit::NOT_NEGATIVE));
     let octaves = table.integer("octaves", 0..=32).and_then(|n| u32::try_from(n).ok());
-    let seed = table.integer("seed", 0..=i64::from(u32::MAX)).and_then(|n| u32::try_from(n).ok());
+    let frequency = frequency(table).unwrap_or([2.0, 2.0, 3.0]);
+    let seed = seed(table).unwrap_or(0);
     let fbm = Fbm {
-        frequency: frequency.unwrap_or([2.0, 2.0, 3.0]),
+        frequency,
         octaves: octaves.unwrap_or(5),
         lacunarity: table.number("lacunarity", &limit::POSITIVE).unwrap_or(2.0),
         gain: table.number("gain", &limit::NOT_NEGATIVE).unwrap_or(0.5),
         normalise: table.boolean("normalise").unwrap_or(false),
-        seed: seed.unwrap_or(0),
+        seed,
         scrolled: table.rates("scroll", &limit::ANY).map_or([0.0; 3], |rates| rates.map(|rate| rate.sum)),
+        form: table.word("form", &FORMS).unwrap_or_default(),
+        rotate: table.boolean("rotate").unwrap_or(false),
+        warp: table.table("warp", &WARP).map(|warp| self::warp(&warp, frequency, seed)),
+        space: table.word("space", &SPACES).unwrap_or(Space::Cylinder),
+        offset: table.vector("offset", &limit::ANY).unwrap_or([0.0; 3]),
     };
     if let (Some(octaves), true, 0) = (table.get("octaves"), fbm.normalise, fbm.octaves) {
         table.report(Fault::at(octaves.span(), "`normalise` without octaves").label("expected at least 1"));
     }
-    let [u, v, l] = fbm.frequency;
-    let finest = u.max(v).max(l) * powers(fbm.lacunarity, fbm.octaves).last().unwrap_or(1.0);
+    report_finest(table, fbm.frequency, fbm.lacunarity, fbm.octaves);
+    fbm
+}
+
+/// The displacement of a layer of this frequency and seed.
+fn warp(table: &Reader<'_>, layer: [f64; 3], layer_seed: u32) -> Warp {
+    let octaves = table.integer("octaves", 1..=32).and_then(|n| u32::try_from(n).ok());
+    let warp = Warp {
+        amplitude: table.number("amplitude", &limit::CELLS).unwrap_or(0.5),
+        frequency: frequency(table).unwrap_or(layer),
+        octaves: octaves.unwrap_or(2),
+        lacunarity: table.number("lacunarity", &limit::POSITIVE).unwrap_or(2.0),
+        gain: table.number("gain", &limit::NOT_NEGATIVE).unwrap_or(0.5),
+        seed: seed(table).unwrap_or(layer_seed),
+    };
+    report_finest(table, warp.frequency, warp.lacunarity, warp.octaves);
+    warp
+}
+
+fn frequency(table: &Reader<'_>) -> Option<[f64; 3]> {
+    table.get("frequency")?.vector_or_number(&limit::NOT_NEGATIVE)
+}
+
+fn seed(table: &Reader<'_>) -> Option<u32> {
+    table.integer("seed", 0..=i64::from(u32::MAX)).and_then(|n| u32::try_from(n).ok())
+}
+
+/// Reports a last octave whose cells have no number.
+fn report_finest(table: &Reader<'_>, [u, v, l]: [f64; 3], lacunarity: f64, octaves: u32) {
+    let finest = u.max(v).max(l) * powers(lacunarity, octaves).last().unwrap_or(1.0);
     if finest > FINEST {
         let culprit =
             table.get("lacunarity").or_else(|| table.get("frequency")).map_or(table.span(), |key| key.span());
@@ -123,7 +180,6 @@ fn fbm(table: &Reader<'_>) -> Fbm {
                 .label(format!("it has {finest:.0e} cells per unit; expected at most {FINEST:.0e}")),
         );
     }
-    fbm
 }
 
 /// 1, x, x^2, ...: `count` of them.

@@ -5,6 +5,9 @@ const LARGEST: f64 = 1e9;
 /// Smallest of the numbers that must be above 0, so that no quotient overflows.
 const SMALLEST: f64 = 1e-9;
 
+/// Frames are counted this far to either side of 0.
+pub(crate) const LARGEST_FRAME: i64 = 1_000_000;
+
 /// A closed range, and how a message names it.
 #[derive(Debug)]
 pub(crate) struct Limit {
@@ -81,4 +84,16 @@ pub(crate) static DEGREES: Limit = Limit {
     high: 179.999,
     noun: "degrees above 0 and below 180",
     range: "degrees above 0 and below 180 (0.001 to 179.999)",
+};
+
+/// Cells of noise that a warp displaces by.
+pub(crate) static CELLS: Limit =
+    Limit { low: 0.0, high: 1000.0, noun: "a number, at least 0", range: "a number of cells from 0 to 1000" };
+
+/// A temperature.
+pub(crate) static KELVIN: Limit = Limit {
+    low: 0.0,
+    high: LARGEST,
+    noun: "a temperature in kelvin, at least 0",
+    range: "kelvin, at least 0 (and at most 1e9)",
 };

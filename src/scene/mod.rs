@@ -20,6 +20,7 @@ pub(crate) mod limit;
 mod motion;
 mod parse;
 mod profile;
+mod ramp;
 mod reader;
 mod rows;
 mod seams;
@@ -30,8 +31,10 @@ mod track;
 mod tube;
 mod view;
 
+pub use crate::noise::Form;
 pub use error::{Fault, SceneErrors, Warnings};
 pub use input::{Input, Load, MOST_INPUT};
+pub use ramp::{ColorRamp, Ramp, TemperatureRamp};
 
 use crate::curve::{Curve, FrameRule, Profile};
 
@@ -143,6 +146,10 @@ pub struct Tube {
     pub overlap: Overlap,
     /// Layers, combined in order.
     pub layers: Vec<Layer>,
+    /// Linear red, green and blue over the fraction of the arc length, each at least 0. Densities do not read it.
+    pub color: Option<ColorRamp>,
+    /// Kelvin over the fraction of the arc length, at least 0. Densities do not read it.
+    pub temperature: Option<TemperatureRamp>,
 }
 
 /// What happens at the ends of a tube.
@@ -228,7 +235,7 @@ pub enum Op {
     Min,
 }
 
-/// A pattern over cylinder coordinates (u, v, l).
+/// A pattern over cylinder coordinates (u, v, l), or over the world's where it says so.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pattern {
     /// The same value everywhere.
@@ -242,7 +249,7 @@ pub enum Pattern {
 /// Parameters of a fractal sum of noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fbm {
-    /// Lattice cells per unit of (u, v, l) in the first octave, each at least 0.
+    /// Lattice cells per unit of the coordinates in the first octave, each at least 0.
     pub frequency: [f64; 3],
     /// Number of octaves, 0 to 32.
     pub octaves: u32,
@@ -256,6 +263,42 @@ pub struct Fbm {
     pub seed: u32,
     /// How far the pattern has moved along (u, v, l) since time 0, in first-octave cells.
     pub scrolled: [f64; 3],
+    /// What each octave makes of its noise.
+    pub form: Form,
+    /// Whether each octave's lattice is turned, so that their axes do not show.
+    pub rotate: bool,
+    /// Displaces the coordinates beforehand.
+    pub warp: Option<Warp>,
+    /// The coordinates that it is a pattern over.
+    pub space: Space,
+    /// Added to the coordinates, in their units.
+    pub offset: [f64; 3],
+}
+
+/// The coordinates of a pattern.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Space {
+    /// (u, v, l) of the cylinder.
+    Cylinder,
+    /// The world's (x, y, z) in metres.
+    World,
+}
+
+/// Displacement of a pattern's coordinates by three normalised fractal sums.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Warp {
+    /// Cells of the pattern's first octave that a sum of 1 displaces by, 0 to 1000.
+    pub amplitude: f64,
+    /// Lattice cells per unit of the coordinates in the first octave, each at least 0.
+    pub frequency: [f64; 3],
+    /// Number of octaves, 1 to 32.
+    pub octaves: u32,
+    /// Ratio of frequency from octave to octave, above 0.
+    pub lacunarity: f64,
+    /// Ratio of amplitude from octave to octave, at least 0.
+    pub gain: f64,
+    /// Chooses the lattices' gradients.
+    pub seed: u32,
 }
 
 /// What the density means to light. Baking does not read it.

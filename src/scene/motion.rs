@@ -37,12 +37,12 @@ static INTERPOLATIONS: Words<Interpolation> = Words {
     instead: "",
 };
 
-/// Keys of a table that make it a number over time.
-const MARKS: [&str; 3] = ["keys", "mean", "amplitude"];
+/// Keys of tables that are something else, though some of their keys are those of a number over time.
+const OTHERS: [&str; 2] = ["kind", "file"];
 
 /// Whether a table is meant as a number over time.
 pub(super) fn is_track(item: &Item<'_>) -> bool {
-    MARKS.iter().any(|key| item.has(key))
+    TRACK.keys.iter().any(|key| item.has(key)) && !OTHERS.iter().any(|key| item.has(key))
 }
 
 /// A number over time, every value of which is within `limit`.

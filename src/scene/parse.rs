@@ -9,13 +9,14 @@ use toml::de::DeTable;
 use super::error::{Fault, Faults, SceneErrors, Warnings};
 use super::input::{Inputs, Load};
 use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
+use super::limit::LARGEST_FRAME;
 use super::motion::Clock;
 use super::reader::{Item, Reader, Words};
 use super::{Antialias, Bake, Overlap, Scene, Step, TimeBase, limit, syntax, tube, view};
 
 /// Voxels along the longest side.
 const RESOLUTION: u32 = 256;
-/// Frames and resolutions lie below this.
+/// No resolution is above this.
 const LARGEST: i64 = 1_000_000;
 
 static GRIDS: Words<()> = Words {
@@ -178,7 +179,7 @@ fn check_grids(item: &Item<'_>) {
 fn time(root: &Reader<'_>) -> TimeBase {
     let default = TimeBase { fps: 24.0, start: 1, end: None };
     let Some(table) = root.table("time", &TIME) else { return default };
-    let frame = |key| table.integer(key, -LARGEST..=LARGEST);
+    let frame = |key| table.integer(key, -LARGEST_FRAME..=LARGEST_FRAME);
     let (start, end) = (frame("start"), frame("end"));
     let time = TimeBase {
         fps: table.number("fps", &limit::POSITIVE).unwrap_or(default.fps),

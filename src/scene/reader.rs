@@ -134,6 +134,7 @@ impl<'a> Item<'a> {
         self.value.span()
     }
 
+    /// The key it belongs to.
     pub(super) fn key(&self) -> &'static str {
         self.key
     }
@@ -169,7 +170,7 @@ impl<'a> Item<'a> {
     /// Whether it is a number, or one over time where that may be.
     pub(super) fn is_number(&self) -> bool {
         matches!(self.value.get_ref(), DeValue::Integer(_) | DeValue::Float(_))
-            || self.clock.is_some() && self.is_table()
+            || self.clock.is_some() && motion::is_track(self)
     }
 
     pub(super) fn report(&self, fault: Fault) {

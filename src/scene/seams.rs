@@ -2,7 +2,7 @@
 
 use super::error::Fault;
 use super::reader::{Item, Reader};
-use super::{Pattern, Tube};
+use super::{Pattern, Space, Tube};
 use crate::curve::FrameRule;
 
 /// Parts of a turn, and of a radius, that are taken for none.
@@ -60,6 +60,7 @@ fn symmetry(pattern: &Pattern) -> Option<f64> {
     match pattern {
         Pattern::Constant(_) => None,
         Pattern::Sectors => Some(2.0),
-        Pattern::Perlin(fbm) => (fbm.octaves > 0).then_some(1.0),
+        // One in the world's coordinates does not turn with the tube.
+        Pattern::Perlin(fbm) => (fbm.octaves > 0 && fbm.space == Space::Cylinder).then_some(1.0),
     }
 }

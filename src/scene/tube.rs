@@ -9,7 +9,7 @@ use super::keys::{ENVELOPE, LAYER, REST};
 use super::motion::Rate;
 use super::profile::{self, Radius};
 use super::reader::{Item, Reader, Words};
-use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, layer, limit, seams};
+use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, layer, limit, ramp, seams};
 use crate::curve::{FrameRule, Profile};
 
 /// Radius of a tube that gives none, as a part of its curve's length.
@@ -114,6 +114,8 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>, known: Option<Res
     let twist = table.number("twist", &limit::ANY).unwrap_or(0.0);
     let spin = table.rate("spin", &limit::ANY).unwrap_or(Rate { now: 0.0, sum: 0.0 });
     let stretch = table.boolean("stretch").unwrap_or(true);
+    let color = table.get("color").and_then(ramp::color);
+    let temperature = table.get("temperature").and_then(ramp::temperature);
     // Only when all keys are read may a tube without a curve be given up.
     let curve = curve?;
     let Radius { profile: radius, sampling_error } = radius.unwrap_or_else(|| {
@@ -139,6 +141,8 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>, known: Option<Res
         rest,
         overlap,
         layers,
+        color,
+        temperature,
     };
     seams::flips(table, &tube);
     if let Some(closed) = closed {

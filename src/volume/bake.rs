@@ -65,7 +65,7 @@ pub struct Tally {
     pub several_feet_voxels: u64,
     /// Voxels inside a tube but beyond its focal set: there the distance to its axis has a local maximum.
     pub beyond_focal_voxels: u64,
-    /// Sum of all stored values.
+    /// Sum of all stored values: the same for any number of threads, since runs are, and are added in file order.
     pub total: Total,
     /// SHA-256 over all active bricks in file order: see [`bake`].
     pub content_hash: [u8; 32],
@@ -117,7 +117,7 @@ pub fn bake<S: Sink>(
             for digest in &done.digests {
                 hash.update(digest);
             }
-            done.totals.iter().for_each(|total| tally.total.add(total));
+            tally.total.add(&done.total);
             sink.append(done.run)?;
         }
         phases.append += appending.elapsed().as_secs_f64();
@@ -137,8 +137,7 @@ fn single(x: f64) -> f32 {
 struct Done<Run> {
     run: Run,
     digests: Vec<[u8; 32]>,
-    /// Brick by brick: the order of the sum must not depend on how bricks are put in runs.
-    totals: Vec<Total>,
+    total: Total,
     active: u64,
     antialiased: u64,
     clamped: u64,
@@ -170,7 +169,7 @@ impl Worker {
         let mut done = Done {
             run: S::Run::default(),
             digests: Vec::new(),
-            totals: Vec::new(),
+            total: Total::default(),
             active: 0,
             antialiased: 0,
             clamped: 0,
@@ -208,7 +207,7 @@ impl Worker {
         let evaluated = ThreadTime::now();
         for brick in &self.bricks {
             done.digests.push(digest(brick));
-            done.totals.push(Total::of(&brick.values));
+            done.total.add_brick(brick);
             sink.encode(brick, &mut done.run);
         }
         done.encode = evaluated.elapsed().as_secs_f64();

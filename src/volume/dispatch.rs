@@ -27,19 +27,12 @@ pub(super) fn activate(level: Level, cutoff: f32, brick: &mut Brick) {
 
 /// What the layers make at `count` places of a slice at rest.
 #[inline(never)]
-pub(super) fn evaluate_slice(
-    level: Level,
-    region: &Region<f32>,
-    fades: bool,
-    scratch: &mut Scratch<f32>,
-    count: usize,
-) {
-    with_level(level, Slice { region, fades, scratch, count });
+pub(super) fn evaluate_slice(level: Level, region: &Region<f32>, scratch: &mut Scratch<f32>, count: usize) {
+    with_level(level, Slice { region, scratch, count });
 }
 
 struct Slice<'a> {
     region: &'a Region<f32>,
-    fades: bool,
     scratch: &'a mut Scratch<f32>,
     count: usize,
 }
@@ -48,7 +41,7 @@ impl WithLevel for Slice<'_> {
     type Output = ();
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        rest::evaluate::<R>(token, self.region, self.fades, self.scratch, self.count);
+        rest::evaluate::<R>(token, self.region, self.scratch, self.count);
     }
 }
 

@@ -119,11 +119,9 @@ impl<T: Value> PartialTree<T> {
     }
 
     /// The tree, if all of its leaves were read.
-    ///
-    /// # Errors
-    /// Gives itself back if some were not.
-    pub fn into_whole(self) -> Result<Tree<T>, Self> {
-        if (0..self.leaf_count()).all(|leaf| self.0.leaf(leaf).is_some()) { Ok(self.0) } else { Err(self) }
+    pub fn into_whole(self) -> Option<Tree<T>> {
+        let whole = (0..self.leaf_count()).all(|leaf| self.0.leaf(leaf).is_some());
+        whole.then_some(self.0)
     }
 }
 
@@ -133,8 +131,9 @@ impl<T: Sampled> PartialTree<T> {
     /// # Errors
     /// [`NotRead`] for the first point that takes a leaf that was not read; [`Part::of_points`] has all that are taken.
     pub fn sample_at(&self, filter: Filter, points: &[DVec3]) -> Result<Vec<T::Wide>, NotRead> {
-        let missing =
-            points.par_iter().find_map_first(|point| cubes(filter, *point).find(|cube| !self.holds(*cube)));
+        let missing = |point: &DVec3| cubes(filter, *point).find(|cube| !self.holds(*cube));
+        // Of a whole tree none is missing.
+        let missing = self.0.slots.as_ref().and_then(|_| points.par_iter().find_map_first(missing));
         match missing {
             Some(index) => Err(NotRead { index }),
             None => Ok(sample_at(&self.0, filter, points)),
@@ -198,7 +197,7 @@ mod tests {
             for index in [[8; 3], [130, 2, 3], [4096, 5, 5], [9000, 0, 0], [i32::MIN; 3]] {
                 assert_eq!(partial.value(index), Ok(tree.value(index)));
             }
-            assert!(partial.into_whole().is_err());
+            assert!(partial.into_whole().is_none());
         }
         let none = part_of(&tree, &Part::within([0; 3], [-1; 3]));
         assert_eq!(none.leaves().count(), 0);
@@ -212,7 +211,7 @@ mod tests {
         let mut state = 6;
         for filter in [Filter::Nearest, Filter::Trilinear, Filter::Cubic] {
             for _ in 0..300 {
-                let far = random(&mut state) % 8 == 0;
+                let far = random(&mut state).is_multiple_of(8);
                 let at = DVec3::from([(); 3].map(|()| 34.0 * unit(&mut state) - 17.0));
                 let at = if far { at + DVec3::X * 2_147_483_640.0 } else { at };
                 let points = [at, at.round(), at.floor() + 0.5];

@@ -1,6 +1,8 @@
 //! Nanoseconds per voxel inside a tube beside the bare noise of as many octaves, in one run and on one thread:
 //! `cargo bench --bench kernel [RESOLUTION]`.
 //!
+//! The last column is what the mass at rest takes beside that, in percent.
+//!
 //! Machines differ and drift, so the ratio is the figure to keep. Medians of interleaved rounds, processor time.
 
 #![allow(clippy::print_stdout, reason = "a bench prints its figures")]
@@ -12,7 +14,7 @@ use vdbake::field::{Field, Lattice};
 use vdbake::noise::Octave;
 use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::scene::Scene;
-use vdbake::volume::{Brick, Plan, Sink, Tally, bake};
+use vdbake::volume::{Brick, Plan, RestMass, Sink, Tally, bake};
 
 const ROUNDS: usize = 7;
 const POINTS: usize = 2048;
@@ -23,8 +25,16 @@ fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
     println!("{}, resolution {resolution}, medians of {ROUNDS} rounds", Level::best().name());
     println!(
-        "{:<12} {:>12} {:>9} {:>14} {:>14} {:>8} {:>10} {:>7}",
-        "scene", "in the tube", "searched", "ns a voxel", "bare fBm, ns", "ratio", "ns/octave", "kept"
+        "{:<12} {:>12} {:>9} {:>14} {:>14} {:>8} {:>10} {:>7} {:>7}",
+        "scene",
+        "in the tube",
+        "searched",
+        "ns a voxel",
+        "bare fBm, ns",
+        "ratio",
+        "ns/octave",
+        "kept",
+        "mass, %"
     );
     for (name, octaves) in [("tornado", 5), ("solar_flare", 5), ("galaxy", 7)] {
         let path = format!("{}/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -34,22 +44,30 @@ fn main() {
         let [lo, hi] = field.bounds().expect("density");
         let lattice = Lattice { voxel_size: (hi - lo).max_element() / resolution };
         let plan = Plan::new(&field, lattice, u64::MAX).expect("a plan");
-        let (mut whole, mut bare, mut tally) = (Vec::new(), Vec::new(), Tally::default());
+        let (mut whole, mut bare, mut mass) = (Vec::new(), Vec::new(), Vec::new());
+        let mut tally = Tally::default();
         for _ in 0..ROUNDS {
             let Ok((found, phases)) =
                 pool.install(|| bake(&field, &plan, 0.0, Level::best(), &mut Discard, |_| ()));
             whole.push(phases.evaluate * 1e9 / found.inside_voxels as f64);
             bare.push(bare_noise(octaves));
+            let at_rest = pool.install(|| {
+                let started = ThreadTime::now();
+                std::hint::black_box(RestMass::beside(&field, &scene, lattice, &found, Level::best()));
+                started.elapsed().as_secs_f64()
+            });
+            mass.push(100.0 * at_rest / phases.evaluate);
             tally = found;
         }
         let (whole, bare) = (median(whole), median(bare));
         let inside = tally.inside_voxels as f64;
         println!(
-            "{name:<12} {inside:>12} {:>9.2} {whole:>14.1} {bare:>14.1} {:>8.2} {:>10.2} {:>7.2}",
+            "{name:<12} {inside:>12} {:>9.2} {whole:>14.1} {bare:>14.1} {:>8.2} {:>10.2} {:>7.2} {:>7.1}",
             tally.searched_voxels as f64 / inside,
             whole / bare,
             bare / f64::from(octaves),
             tally.bricks as f64 / plan.bricks() as f64,
+            median(mass),
         );
     }
 }

@@ -55,7 +55,8 @@ fn vdb_rs_reads_what_was_evaluated() {
 fn blender_shows_what_was_evaluated_where_it_belongs() {
     let folder = tempdir().expect("a temporary folder");
     for scene in scenes_with_tiles(folder.path()) {
-        for form in FORMS {
+        // Its OpenVDB reads every form of other files in these tests; here one of each precision and compression will do.
+        for form in [FORMS[1], FORMS[2], FORMS[3]] {
             let baked = bake(&scene, folder.path(), &form);
             let expected = rounded(&scene, baked.voxel_size, form);
             let probes = probes(&expected);

@@ -1,9 +1,11 @@
 //! What is tested from outside the library: the program, its files in other programs, the shape of the source.
 //! One binary, so that it is linked once.
 
+mod animation;
 mod antialias;
 mod cli;
 mod consumers;
+mod detail;
 mod files;
 mod gates_bake;
 mod gates_cover;
@@ -13,15 +15,19 @@ mod gates_hash;
 mod gates_noise;
 mod gates_oracle;
 mod hostile;
+mod inputs;
 mod joins;
 mod kernel;
 mod large;
 mod layers;
+mod mass;
 mod noise;
 mod oracle;
 mod reader;
 mod same_bytes;
 mod sample;
+mod sequence;
+mod shapes;
 mod support;
 mod vdb_rs;
 mod writer;

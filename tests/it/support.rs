@@ -64,9 +64,13 @@ pub(crate) fn scenes() -> Vec<PathBuf> {
     scenes
 }
 
-/// Those, and the solid tube, which is written to `folder`.
+/// Some of those, each with leaves of another look, and the solid tube, which is written to `folder` and has tiles: for
+/// programs that judge files, whatever scene they are of.
 pub(crate) fn scenes_with_tiles(folder: &Path) -> Vec<PathBuf> {
-    let mut scenes = scenes();
+    let few = ["galaxy", "sectors", "tornado", "trefoil"];
+    let is_among = |path: &PathBuf| path.file_stem().is_some_and(|name| few.iter().any(|few| *few == name));
+    let mut scenes: Vec<_> = scenes().into_iter().filter(is_among).collect();
+    assert_eq!(scenes.len(), few.len());
     scenes.push(write(&folder.join("solid.toml"), SOLID));
     scenes
 }

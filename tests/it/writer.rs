@@ -117,7 +117,7 @@ type Brick<T> = ([i32; 3], [u64; 8], [T; 512]);
 fn bricks<T: Tested>(seed: u64, extreme: bool) -> Vec<Brick<T>> {
     let mut state = seed;
     let near = (0..64).map(|n| [n / 16 * 8 - 16, n / 4 % 4 * 8 - 16, n % 4 * 8 - 16]);
-    let mut origins: Vec<[i32; 3]> = near.filter(|_| random(&mut state) % 3 > 0).collect();
+    let mut origins: Vec<[i32; 3]> = near.filter(|_| !random(&mut state).is_multiple_of(3)).collect();
     origins.extend((0..12).map(|_| {
         let shift = 14 + random(&mut state) % 18;
         [(); 3].map(|()| {

@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     }
     let scene = job::read_scene(path)?;
     global.warn_of(scene.warnings());
-    global.show(&scene::describe(&scene), scene::human)
+    global.show(&scene::describe(&scene)?, scene::human)
 }
 
 /// Whether a file is one of OpenVDB, by its first bytes or its name.

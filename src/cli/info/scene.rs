@@ -2,18 +2,18 @@
 
 use serde::Serialize;
 
-use crate::cli::job::{dimensions, voxel_size};
+use crate::cli::job::{bounds, dimensions, voxel_size};
 use crate::cli::recipe::antialias_name;
 use crate::cli::text;
 use crate::field::Field;
-use crate::scene::{Caps, Input, Layer, Op, Pattern, Scene, Tube};
+use crate::scene::{Caps, Input, Layer, Op, Pattern, Scene, SceneErrors, Tube};
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     kind: &'static str,
     name: String,
-    /// Corners of the box around the density, in metres.
+    /// Corners of the box around the density at the start frame, in metres.
     bounds: Option<[[f64; 3]; 2]>,
     voxel_size: f64,
     /// Voxels along each side of that box.
@@ -23,6 +23,7 @@ pub(super) struct Report {
     antialias: &'static str,
     fps: f64,
     start: i64,
+    end: Option<i64>,
     tubes: Vec<TubeReport>,
     lights: usize,
     /// Files that the scene names.
@@ -54,19 +55,18 @@ struct TubeReport {
     radius_sampling_error: Option<f64>,
     /// Turns from end to end.
     twist: f64,
-    /// Turns a second.
+    /// Turns a second at the start frame.
     spin: f64,
     caps: &'static str,
     layers: Vec<String>,
 }
 
 /// Describes.
-pub(super) fn describe(scene: &Scene) -> Report {
-    let field = Field::compile(scene);
-    let bounds = field.bounds().map(|corners| corners.map(|corner| corner.to_array()));
+pub(super) fn describe(scene: &Scene) -> Result<Report, SceneErrors> {
+    let bounds = bounds(&Field::compile(scene));
     let (bake, time) = (scene.bake(), scene.time());
-    let voxel_size = voxel_size(bake.step, bounds);
-    Report {
+    let voxel_size = voxel_size(bake.step, scene)?;
+    Ok(Report {
         kind: "scene",
         name: scene.name().to_owned(),
         bounds,
@@ -77,11 +77,12 @@ pub(super) fn describe(scene: &Scene) -> Report {
         antialias: antialias_name(bake.antialias),
         fps: time.fps,
         start: time.start,
+        end: time.end,
         tubes: scene.tubes().iter().map(tube).collect(),
         lights: scene.lights().len(),
         inputs: scene.inputs().iter().map(input).collect(),
         warnings: text::warnings(scene.warnings()),
-    }
+    })
 }
 
 fn input(input: &Input) -> InputReport {
@@ -134,6 +135,10 @@ pub(super) fn human(report: &Report) -> String {
     table.heading(format!("{}: a scene of {}", report.name, text::number(report.tubes.len() as u64, "tube")));
     table.row("bounds", text::bounds(report.bounds));
     table.row("voxel size", text::voxels(report.voxel_size, report.dimensions));
+    if let Some(end) = report.end {
+        let (start, fps) = (report.start, text::short(report.fps));
+        table.row("frames", format!("{start} to {end}, {fps} a second"));
+    }
     for tube in &report.tubes {
         let [least, largest] = tube.radius.map(text::short);
         let radius = if least == largest { least } else { format!("{least} to {largest}") };

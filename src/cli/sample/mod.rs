@@ -12,7 +12,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::interrupt::{Interrupt, Watched};
-use super::job::{Compiled, SceneOptions};
+use super::job::{Compiled, SceneOptions, Source};
 use super::output::Output;
 use super::{Failure, Global, info, print, text};
 use crate::formats::npy;
@@ -182,7 +182,8 @@ fn form(path: &Path) -> Result<Form, Failure> {
 }
 
 fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
-    let Compiled { scene, field, lattice, time, .. } = Compiled::new(&arguments.file, &arguments.scene)?;
+    let Compiled { scene, field, lattice, time, .. } =
+        Source::read(&arguments.file, &arguments.scene)?.compile(arguments.scene.time())?;
     let (samples, method) = if arguments.exact {
         let reference = Reference::new(&scene, Some(lattice.voxel_size));
         (Samples::by_reference(&reference, points), "reference")

@@ -271,6 +271,29 @@ mod tests {
     }
 
     #[test]
+    fn halves_and_vectors_are_stored_number_by_number() {
+        let mut mask = [0; 8];
+        mask[0] = 0b101;
+        let mut values = [[9.0; 3]; 512];
+        (values[0], values[2]) = ([1.0, -0.0, 1e9], [0.1, 2049.0, -6e-8]);
+        let encoder = Encoder::new(Compression::Zip);
+        let stored = |encoder: Encoder| {
+            let mut out = vec![];
+            encoder.encode_leaf(&mask, &values, &mut out);
+            out.split_off(64)
+        };
+        let full = [1.0, -0.0, 1e9, 0.1, 2049.0, -6e-8];
+        assert_eq!(stored(encoder), [&[0][..], &(-24_i64).to_le_bytes(), &bytes_of(&full)].concat());
+        let halves: [u16; 6] = [0x3c00, 0x8000, 0x7bff, 0x2e66, 0x6800, 0x8001];
+        let halves: Vec<u8> = halves.iter().flat_map(|half| half.to_le_bytes()).collect();
+        let half = encoder.with_precision(Precision::F16);
+        assert_eq!(stored(half), [&[0][..], &(-12_i64).to_le_bytes(), &halves].concat());
+        let plain = Encoder::new(Compression::None).with_precision(Precision::F16);
+        assert_eq!(stored(plain)[..7], [&[6], &halves[..6]].concat());
+        assert_eq!((stored(plain).len(), &stored(plain)[7..13]), (1 + 6 * 512, &[0; 6][..]));
+    }
+
+    #[test]
     fn a_block_with_no_active_entry_stores_all() {
         for compression in ALL {
             let mut out = vec![];

@@ -1,0 +1,162 @@
+//! Narrowing a noise layer to a piece of a tube in a block: which octaves matter there, and where they are.
+
+use super::narrow::Block;
+use super::pattern::{Fractal, Octave, Perlin};
+use super::region::{self, LayerKind, Region, Sum, round};
+use super::tube::Tube;
+use crate::noise::{self, BAND, band_weight};
+use crate::num::Scalar;
+use crate::scene::Space;
+
+/// Octaves of more cells than this per voxel, along the tube or in the world, are left out: single precision cannot place
+/// a voxel in them.
+const FINEST: f64 = 524_288.0;
+
+/// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.
+const SURE: f64 = 1e-4;
+
+/// A piece of a tube's axis in a block.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// Interval of the arc length, metres.
+    pub(super) s: [f64; 2],
+    /// The arc length that heights are taken from.
+    pub(super) origin: f64,
+    pub(super) block: Block,
+    pub(super) octave_fade: bool,
+}
+
+impl Place {
+    /// The layer there; `fades` becomes true where octaves fade from voxel to voxel.
+    pub(super) fn perlin<T: Scalar>(
+        &self,
+        tube: &Tube,
+        perlin: &Perlin,
+        region: &mut Region<T>,
+        fades: &mut bool,
+    ) -> LayerKind<T> {
+        let first = region.sums.len();
+        let in_world = perlin.space == Space::World;
+        let mut displaced = [false; 3];
+        if let Some(warp) = &perlin.warp {
+            // In the world the kernel's unit is the voxel.
+            let unit = if in_world { self.block.h } else { 1.0 };
+            for (axis, sum) in warp.sums.iter().enumerate() {
+                displaced[axis] = warp.reach[axis] > 0.0;
+                if displaced[axis] {
+                    let reach = T::from_f64(warp.reach[axis] / unit);
+                    let sum = self.sum(tube, perlin.space, sum, region);
+                    region.sums.push(Sum { displaces: Some((axis, reach)), ..sum });
+                }
+            }
+        }
+        let sum = self.sum(tube, perlin.space, &perlin.sum, region);
+        region.sums.push(Sum { displaced, ..sum });
+        *fades |= region.sums[first..].iter().any(|sum| sum.fades);
+        LayerKind::Perlin { sums: [first, region.sums.len()], in_world }
+    }
+
+    fn sum<T: Scalar>(&self, tube: &Tube, space: Space, sum: &Fractal, region: &mut Region<T>) -> Sum<T> {
+        let h = self.block.h;
+        let rates = Rates::new(tube, sum, h);
+        let band = match (self.octave_fade, space) {
+            (false, _) => [f64::NEG_INFINITY; 2],
+            (true, Space::Cylinder) => rates.band(tube, self.s, h),
+            (true, Space::World) => [log2_world_rate(sum, h); 2],
+        };
+        let start = region.octaves.len();
+        let mut mean = sum.mean;
+        let mut fades = false;
+        for octave in &sum.octaves {
+            let finer = f64::from(octave.index) * sum.log2_lacunarity;
+            let octave_mean = sum.form.mean() * octave.amplitude;
+            if band[0] + finer > BAND[1] + SURE || !is_placed(octave, tube, space, h) {
+                mean += octave_mean;
+                continue;
+            }
+            let is_faded = band[1] + finer > BAND[0] - SURE;
+            let (mut steps, mut at, mut amplitude, mut fade) =
+                (octave.steps, octave.origin, octave.amplitude, None);
+            match space {
+                Space::Cylinder => {
+                    fade = is_faded.then(|| T::from_f64(finer));
+                    for axis in 0..3 {
+                        at[axis] += steps[axis][2] * self.origin * tube.height_rate();
+                    }
+                }
+                Space::World => {
+                    // The rate is the same everywhere, so the fade is but a smaller amplitude.
+                    let weight = band_weight((), band[0] + finer);
+                    amplitude *= weight;
+                    mean += octave_mean * (1.0 - weight);
+                    for axis in 0..3 {
+                        let [x, y, z] = steps[axis];
+                        let centre = self.block.centre;
+                        at[axis] += x * centre.x + y * centre.y + z * centre.z;
+                        steps[axis] = [x * h, y * h, z * h];
+                    }
+                }
+            }
+            fades |= fade.is_some();
+            let octave = noise::Octave::turned(at, steps, octave.period, sum.form, octave.seed, amplitude);
+            region.octaves.push(region::Octave { octave, fade });
+        }
+        Sum {
+            octaves: [start, region.octaves.len()],
+            fades,
+            rates: round([rates.across * rates.across, rates.along, rates.twist]),
+            mean: T::from_f64(mean),
+            displaces: None,
+            displaced: [false; 3],
+        }
+    }
+}
+
+/// Whether single precision can place a voxel of edge `h` in the octave, along the tube or in the world.
+pub(super) fn is_placed(octave: &Octave, tube: &Tube, space: Space, h: f64) -> bool {
+    match space {
+        Space::Cylinder => octave.frequency[2] * tube.height_rate() * h <= FINEST,
+        Space::World => octave.frequency.iter().all(|f| f * h <= FINEST),
+    }
+}
+
+/// log2 of the first octave's cells per voxel of a pattern over the world's coordinates.
+pub(super) fn log2_world_rate(sum: &Fractal, h: f64) -> f64 {
+    libm::log2(sum.frequency.iter().fold(0.0, |most: f64, f| most.max(*f)) * h)
+}
+
+/// First-octave cells per voxel.
+pub(super) struct Rates {
+    /// Across the tube, at a radius of one voxel.
+    across: f64,
+    /// Along it.
+    along: f64,
+    /// Along it, by twist, at the surface.
+    twist: f64,
+}
+
+impl Rates {
+    pub(super) fn new(tube: &Tube, fractal: &Fractal, h: f64) -> Rates {
+        let across = fractal.frequency[0].max(fractal.frequency[1]);
+        Rates {
+            across,
+            along: fractal.frequency[2] * tube.height_rate() * h,
+            twist: across * tube.twist_rate * h,
+        }
+    }
+
+    /// Bounds of log2 of cells per voxel over the arc lengths `s`.
+    pub(super) fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
+        let x = s.map(|s| s / tube.curve.length());
+        let [least, most] = tube.radius.range(x);
+        let low = (self.across * h / most).max(self.along);
+        let high = larger_singular_value(self.across * h / least, self.twist, self.along);
+        [libm::log2(low), libm::log2(high)]
+    }
+}
+
+/// Of `[a c; 0 b]`.
+fn larger_singular_value(a: f64, c: f64, b: f64) -> f64 {
+    let sum = a * a + b * b + c * c;
+    (0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())).sqrt()
+}

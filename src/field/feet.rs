@@ -1,0 +1,270 @@
+//! Feet: where each voxel of a block has its nearest place on a piece of an axis.
+
+use super::kernel::{Places, Scratch};
+use super::region::{FOOT, Piece, ROWS, U, V};
+use super::{EDGE, VOXELS};
+use crate::num::poly::TERMS;
+use crate::num::{Real, Scalar};
+
+/// Newton steps that every voxel gets.
+const STEPS: usize = 3;
+/// Steps after which a batch with a voxel that has not converged goes to bisection.
+const MOST_STEPS: usize = 9;
+/// Halvings of a piece: past the precision of `f32` over a piece of 32 voxels.
+const HALVINGS: usize = 26;
+/// How far past a piece's ends, which are at -1 and 1, Newton's method may go.
+const PAST: f64 = 1.25;
+/// Parameter of a voxel that has no foot in the piece.
+const NO_FOOT: f64 = 1e30;
+
+/// The rows of a piece's table for one batch of lanes after another.
+pub(super) struct Rows<'a, R: Real> {
+    piece: &'a Piece<R::Scalar>,
+    places: Places<'a, R::Scalar>,
+    /// Voxel centres of a batch from its first, in y and z: batches are whole rows of z, or parts of one.
+    y: R,
+    z: R,
+    /// The table at the batch's first voxel.
+    first: [R::Scalar; ROWS],
+    /// What each lane adds to it.
+    lanes: [R; ROWS],
+}
+
+impl<'a, R: Real> Rows<'a, R> {
+    #[inline(always)]
+    pub(super) fn new(
+        token: R::Token,
+        piece: &'a Piece<R::Scalar>,
+        places: Places<'a, R::Scalar>,
+        numbers: &[R::Scalar],
+    ) -> Rows<'a, R> {
+        let zero = R::constant(token, 0.0);
+        let number = R::load(token, numbers);
+        let y = (number * R::constant(token, 0.125)).floor();
+        let z = number - y * R::constant(token, 8.0);
+        let mut rows = Rows { piece, places, y, z, first: piece.base, lanes: [zero; ROWS] };
+        for k in 0..ROWS {
+            let (along_y, along_z) = (R::splat(token, piece.slope[1][k]), R::splat(token, piece.slope[2][k]));
+            rows.lanes[k] = rows.y * along_y + rows.z * along_z;
+        }
+        rows
+    }
+
+    /// Moves to the batch that begins at place `index`.
+    #[inline(always)]
+    #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "kernels hold no iterator adaptors: they may not be inlined"
+    )]
+    pub(super) fn go(&mut self, token: R::Token, index: usize) {
+        let slope = &self.piece.slope;
+        match self.places {
+            Places::Centres => {
+                let x = R::Scalar::from_f64((index / (EDGE * EDGE)) as f64 - 3.5);
+                let y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
+                let z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
+                for k in 0..ROWS {
+                    self.first[k] = self.piece.base[k] + slope[0][k] * x + slope[1][k] * y + slope[2][k] * z;
+                }
+            }
+            Places::Points([x, y, z]) => {
+                let x = R::load(token, &x[index..]);
+                let y = R::load(token, &y[index..]);
+                let z = R::load(token, &z[index..]);
+                for k in 0..ROWS {
+                    self.lanes[k] = x * R::splat(token, slope[0][k])
+                        + y * R::splat(token, slope[1][k])
+                        + z * R::splat(token, slope[2][k]);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn row(&self, token: R::Token, k: usize) -> R {
+        R::splat(token, self.first[k]) + self.lanes[k]
+    }
+}
+
+/// The foot's equation for one batch: a polynomial in eta.
+pub(super) struct Equation<R> {
+    a: [R; 6],
+}
+
+impl<R: Real> Equation<R> {
+    #[inline(always)]
+    pub(super) fn new(token: R::Token, rows: &Rows<R>) -> Equation<R> {
+        let high = rows.piece.foot;
+        Equation {
+            a: [
+                rows.row(token, FOOT),
+                rows.row(token, FOOT + 1),
+                rows.row(token, FOOT + 2),
+                R::splat(token, high[0]),
+                R::splat(token, high[1]),
+                R::splat(token, high[2]),
+            ],
+        }
+    }
+
+    /// Value and derivative.
+    #[inline(always)]
+    pub(super) fn at<const CUBIC: bool>(&self, eta: R) -> (R, R) {
+        let a = &self.a;
+        if CUBIC {
+            let b4 = a[5] * eta + a[4];
+            let b3 = b4 * eta + a[3];
+            let b2 = b3 * eta + a[2];
+            let b1 = b2 * eta + a[1];
+            let c3 = a[5] * eta + b4;
+            let c2 = c3 * eta + b3;
+            let c1 = c2 * eta + b2;
+            (b1 * eta + a[0], c1 * eta + b1)
+        } else {
+            let b2 = a[3] * eta + a[2];
+            let b1 = b2 * eta + a[1];
+            let c1 = (a[3] * eta + b2) * eta + b1;
+            (b1 * eta + a[0], c1)
+        }
+    }
+}
+
+/// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle.
+#[inline(always)]
+pub(super) fn newton<R: Real, const CUBIC: bool>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) -> bool {
+    let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
+    let zero = R::constant(token, 0.0);
+    // Past the piece's ends the polynomial holds, but need not increase: steps are kept near.
+    let (lo, hi) = (R::constant(token, -PAST), R::constant(token, PAST));
+    let tolerance = R::splat(token, piece.tolerance);
+    let no_foot = R::constant(token, NO_FOOT);
+    for index in (0..VOXELS).step_by(R::LANES) {
+        rows.go(token, index);
+        let equation = Equation::new(token, &rows);
+        let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
+        let mut steps = 1;
+        loop {
+            let (g, slope) = equation.at::<CUBIC>(eta);
+            let step = g / slope;
+            eta = (eta - step).within(lo, hi);
+            steps += 1;
+            if steps < STEPS {
+                continue;
+            }
+            let settled = R::and(step.abs().le(tolerance), zero.lt(slope));
+            // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
+            let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
+            if R::bitmask(open) == 0 {
+                R::select(settled, eta, no_foot).store(&mut scratch.eta[index..]);
+                break;
+            }
+            if steps == MOST_STEPS {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+/// Feet by bisection: where the equation changes from negative to positive along the piece, if it does.
+///
+/// For certified pieces that is the one foot. Uncertified ones are so short that of two feet either stands for both.
+#[inline(always)]
+pub(super) fn bracket<R: Real>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) {
+    let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
+    let zero = R::constant(token, 0.0);
+    let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
+    let one = R::constant(token, 1.0);
+    let no_foot = R::constant(token, NO_FOOT);
+    for index in (0..VOXELS).step_by(R::LANES) {
+        rows.go(token, index);
+        let equation = Equation::new(token, &rows);
+        let (at_lo, slope_lo) = equation.at::<true>(ends[0]);
+        let (at_hi, slope_hi) = equation.at::<true>(ends[1]);
+        let mut changes = R::and(at_lo.le(zero), zero.le(at_hi));
+        let [mut lo, mut hi] = ends;
+        let falls = R::and(zero.lt(at_lo), at_hi.lt(zero));
+        if R::bitmask(falls) != 0 {
+            // The distance is largest there, not least.
+            let farthest = zero_between(token, &equation, [hi, lo]);
+            let (u, v) = (across(token, &rows, U, farthest), across(token, &rows, V, farthest));
+            scratch.joint.beyond[index / R::LANES] |= R::bitmask(R::and(falls, (u * u + v * v).le(one)));
+        }
+        // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
+        let valley =
+            R::and(R::and(zero.lt(at_lo), zero.lt(at_hi)), R::and(slope_lo.lt(zero), zero.lt(slope_hi)));
+        let peak =
+            R::and(R::and(at_lo.lt(zero), at_hi.lt(zero)), R::and(zero.lt(slope_lo), slope_hi.lt(zero)));
+        if (R::bitmask(valley) | R::bitmask(peak)) != 0 {
+            let extremum = turning_point(token, &equation, ends, peak);
+            let (g, _) = equation.at::<true>(extremum);
+            let (dips, rises) = (R::and(valley, g.le(zero)), R::and(peak, zero.le(g)));
+            lo = R::select(dips, extremum, lo);
+            hi = R::select(rises, extremum, hi);
+            // A foot and a place where the distance is largest lie side by side.
+            let (u, v) = (across(token, &rows, U, extremum), across(token, &rows, V, extremum));
+            let pairs = R::and(R::or(dips, rises), (u * u + v * v).le(one));
+            scratch.joint.beyond[index / R::LANES] |= R::bitmask(pairs);
+            let (g_lo, _) = equation.at::<true>(lo);
+            let (g_hi, _) = equation.at::<true>(hi);
+            changes = R::and(g_lo.le(zero), zero.le(g_hi));
+        }
+        if R::bitmask(changes) == 0 {
+            no_foot.store(&mut scratch.eta[index..]);
+            continue;
+        }
+        let foot = zero_between(token, &equation, [lo, hi]);
+        R::select(changes, foot, no_foot).store(&mut scratch.eta[index..]);
+    }
+}
+
+/// Where the equation is zero between a place where it is negative and one where it is positive.
+#[inline(always)]
+fn zero_between<R: Real>(token: R::Token, equation: &Equation<R>, ends: [R; 2]) -> R {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let [mut negative, mut positive] = ends;
+    for _ in 0..HALVINGS {
+        let middle = (negative + positive) * half;
+        let (g, _) = equation.at::<true>(middle);
+        let below = g.lt(zero);
+        negative = R::select(below, middle, negative);
+        positive = R::select(below, positive, middle);
+    }
+    (negative + positive) * half
+}
+
+/// Where the equation is least between `ends`, or where it is greatest if `peak`, of lanes that have such a place.
+#[inline(always)]
+fn turning_point<R: Real>(token: R::Token, equation: &Equation<R>, ends: [R; 2], peak: R::Mask) -> R {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, 0.5));
+    let [mut lo, mut hi] = ends;
+    for _ in 0..HALVINGS {
+        let middle = (lo + hi) * half;
+        let (_, slope) = equation.at::<true>(middle);
+        let before = R::select(peak, -slope, slope).lt(zero);
+        lo = R::select(before, middle, lo);
+        hi = R::select(before, hi, middle);
+    }
+    (lo + hi) * half
+}
+
+/// `sum_k row[first + k] eta^k`.
+#[inline(always)]
+pub(super) fn across<R: Real>(token: R::Token, rows: &Rows<R>, first: usize, eta: R) -> R {
+    let mut sum = rows.row(token, first + TERMS - 1);
+    for k in (0..TERMS - 1).rev() {
+        sum = sum * eta + rows.row(token, first + k);
+    }
+    sum
+}

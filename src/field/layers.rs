@@ -1,0 +1,141 @@
+//! Layers in the kernel.
+
+use super::kernel::{Places, Scratch};
+use super::region::{LayerKind, Region, Sum};
+use super::{EDGE, VOXELS};
+use crate::noise::band_weight;
+use crate::num::{Real, Scalar};
+use crate::scene::Op;
+
+/// Packs the places, in voxels from the block's centre, of the voxels inside.
+#[inline(always)]
+#[allow(clippy::cast_precision_loss, reason = "indices below 512")]
+pub(super) fn pack_places<R: Real>(
+    token: R::Token,
+    places: Places<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+) {
+    let number = R::load(token, &scratch.numbers);
+    let y = (number * R::constant(token, 0.125)).floor();
+    let z = number - y * R::constant(token, 8.0);
+    let mut packed = 0;
+    for index in (0..VOXELS).step_by(R::LANES) {
+        let bits = scratch.inside[index / R::LANES];
+        if bits == 0 {
+            continue;
+        }
+        let place = match places {
+            Places::Centres => {
+                let x = R::Scalar::from_f64((index / (EDGE * EDGE)) as f64 - 3.5);
+                let first_y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
+                let first_z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
+                [R::splat(token, x), R::splat(token, first_y) + y, R::splat(token, first_z) + z]
+            }
+            Places::Points([x, y, z]) => {
+                [R::load(token, &x[index..]), R::load(token, &y[index..]), R::load(token, &z[index..])]
+            }
+        };
+        let inside = R::from_bitmask(token, bits);
+        place[0].compress(inside).store(&mut scratch.place[0][packed..]);
+        place[1].compress(inside).store(&mut scratch.place[1][packed..]);
+        place[2].compress(inside).store(&mut scratch.place[2][packed..]);
+        packed += bits.count_ones() as usize;
+    }
+}
+
+/// The density of the packed voxels: envelope times layers. It takes the place of the weights.
+#[inline(always)]
+pub(super) fn layers<R: Real>(
+    token: R::Token,
+    region: &Region<R::Scalar>,
+    [start, end]: [usize; 2],
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+) {
+    let mut first = 0;
+    while first < packed {
+        let mut value = R::constant(token, 1.0);
+        for layer in &region.layers[start..end] {
+            let mut term = match &layer.kind {
+                LayerKind::Constant(constant) => R::splat(token, *constant),
+                LayerKind::Sectors => {
+                    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+                    let (u, v) = (R::load(token, &scratch.u[first..]), R::load(token, &scratch.v[first..]));
+                    R::select(zero.lt(u * v), one, zero)
+                }
+                LayerKind::Perlin { sums, in_world } => {
+                    let sums = &region.sums[sums[0]..sums[1]];
+                    fractal(token, region, sums, *in_world, scratch, first)
+                }
+            };
+            if let Some(threshold) = layer.threshold {
+                term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
+            }
+            term = term * R::splat(token, layer.multiplier);
+            value = match layer.op {
+                Op::Multiply => value * term,
+                Op::Add => value + term,
+                Op::Max => value.most(term),
+                Op::Min => value.least(term),
+            };
+        }
+        let weight = R::load(token, &scratch.weight[first..]);
+        (value * weight).store(&mut scratch.weight[first..]);
+        first += R::LANES;
+    }
+}
+
+/// A noise layer's pattern at the packed voxels from `first`.
+///
+/// `sums` are those of the layer: what displaces the coordinates, then the pattern.
+#[inline(always)]
+pub(super) fn fractal<R: Real>(
+    token: R::Token,
+    region: &Region<R::Scalar>,
+    sums: &[Sum<R::Scalar>],
+    in_world: bool,
+    scratch: &mut Scratch<R::Scalar>,
+    first: usize,
+) -> R {
+    let Scratch { u, v, height, radius, q, place, displaced, .. } = scratch;
+    let own = if in_world { [&place[0], &place[1], &place[2]] } else { [&*u, &*v, &*height] };
+    let mut total = R::constant(token, 0.0);
+    for sum in sums {
+        let x = if sum.displaced[0] { &displaced[0] } else { own[0] };
+        let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
+        let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
+        let at = [R::load(token, &x[first..]), R::load(token, &y[first..]), R::load(token, &z[first..])];
+        total = R::splat(token, sum.mean);
+        let mut log2 = total;
+        if sum.fades {
+            let (radius, q) = (R::load(token, &radius[first..]), R::load(token, &q[first..]));
+            log2 = log2_rate(token, &sum.rates, radius, q);
+        }
+        for octave in &region.octaves[sum.octaves[0]..sum.octaves[1]] {
+            let mut value = octave.octave.value(token, at);
+            if let Some(finer) = octave.fade {
+                let weight = band_weight(token, log2 + R::splat(token, finer));
+                value = octave.octave.faded(token, value, weight);
+            }
+            total = total + value;
+        }
+        if let Some((axis, reach)) = sum.displaces {
+            let moved = R::load(token, &own[axis][first..]) + total * R::splat(token, reach);
+            moved.store(&mut displaced[axis][first..]);
+        }
+    }
+    total
+}
+
+/// log2 of the first octave's cells per voxel.
+#[inline(always)]
+fn log2_rate<R: Real>(token: R::Token, rates: &[R::Scalar; 3], radius: R, q: R) -> R {
+    let a2 = R::splat(token, rates[0]) / (radius * radius);
+    let b = R::splat(token, rates[1]);
+    let twist = R::splat(token, rates[2]);
+    let (b2, c2) = (b * b, twist * twist * q);
+    let sum = a2 + b2 + c2;
+    let root = (sum * sum - R::constant(token, 4.0) * a2 * b2).most(R::constant(token, 0.0)).sqrt();
+    let half = R::constant(token, 0.5);
+    ((sum + root) * half).log2() * half
+}

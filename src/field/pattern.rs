@@ -1,0 +1,214 @@
+//! Noise layers at one time, compiled: octaves on their lattices, and the displacement before them.
+
+use crate::noise::{Form, octave_offset, octave_seed, turn, turn_around, warp_seed};
+use crate::scene::{Fbm, Space};
+
+/// More cells than this, across the tube, around a loop, or in a warp's way, leave an octave out: single precision cannot
+/// place a voxel in them.
+const FINEST: f64 = 4_194_304.0;
+
+/// Along axes of lower frequency a warp does nothing.
+const LEAST_FREQUENCY: f64 = 1e-9;
+
+/// A noise layer's pattern.
+#[derive(Debug, Clone)]
+pub(crate) struct Perlin {
+    pub(crate) space: Space,
+    pub(crate) warp: Option<Warp>,
+    pub(crate) sum: Fractal,
+}
+
+/// Displacement of a pattern's coordinates.
+#[derive(Debug, Clone)]
+pub(crate) struct Warp {
+    /// The sum for each axis.
+    pub(crate) sums: [Fractal; 3],
+    /// What a sum of 1 adds to each coordinate.
+    pub(crate) reach: [f64; 3],
+}
+
+/// A fractal sum.
+#[derive(Debug, Clone)]
+pub(crate) struct Fractal {
+    pub(crate) octaves: Vec<Octave>,
+    pub(crate) form: Form,
+    /// Cells per unit of the coordinates in the first octave, as the scene has them.
+    pub(crate) frequency: [f64; 3],
+    pub(crate) log2_lacunarity: f64,
+    /// Octaves of the scene that are never evaluated, and what they add.
+    pub(crate) skipped: u32,
+    pub(crate) mean: f64,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Octave {
+    pub(crate) index: u32,
+    pub(crate) frequency: [f64; 3],
+    /// Change of each lattice coordinate per unit of each coordinate.
+    pub(crate) steps: [[f64; 3]; 3],
+    /// Lattice coordinate at (0, 0, 0).
+    pub(crate) origin: [f64; 3],
+    /// Cells around a loop.
+    pub(crate) period: Option<f64>,
+    pub(crate) seed: u32,
+    pub(crate) amplitude: f64,
+}
+
+/// What all sums of a pattern share.
+struct Ground {
+    /// Growth of the third coordinate around a closed tube.
+    around: Option<f64>,
+    /// Frequency of the pattern's first octave, and cells that it has moved.
+    first: [f64; 3],
+    moved: [f64; 3],
+    /// The axes along which a warp does something.
+    warps: [bool; 3],
+    offset: [f64; 3],
+    space: Space,
+    rotate: bool,
+}
+
+/// One sum.
+struct Sum {
+    frequency: [f64; 3],
+    octaves: u32,
+    lacunarity: f64,
+    gain: f64,
+    normalise: bool,
+    seed: u32,
+    form: Form,
+    /// Cells of the first octave by which its coordinates are displaced.
+    displaced: f64,
+    /// Whether it also moves along axes that it does not change along.
+    drifts: bool,
+}
+
+impl Perlin {
+    /// On a closed tube l grows by `around`.
+    pub(crate) fn compile(fbm: &Fbm, around: Option<f64>) -> Perlin {
+        let around = around.filter(|_| fbm.space == Space::Cylinder);
+        let ground = Ground {
+            around,
+            first: frequency(fbm.frequency, around),
+            moved: fbm.scrolled,
+            warps: fbm.frequency.map(|f| f >= LEAST_FREQUENCY),
+            offset: fbm.offset,
+            space: fbm.space,
+            rotate: fbm.rotate,
+        };
+        let warp = fbm.warp.as_ref().filter(|warp| warp.amplitude > 0.0 && fbm.octaves > 0);
+        let sum = Sum {
+            frequency: fbm.frequency,
+            octaves: fbm.octaves,
+            lacunarity: fbm.lacunarity,
+            gain: fbm.gain,
+            normalise: fbm.normalise,
+            seed: fbm.seed,
+            form: fbm.form,
+            displaced: warp.map_or(0.0, |warp| warp.amplitude),
+            drifts: true,
+        };
+        let warp = warp.map(|warp| Warp {
+            sums: [0, 1, 2].map(|axis| {
+                ground.compile(&Sum {
+                    frequency: warp.frequency,
+                    octaves: warp.octaves,
+                    lacunarity: warp.lacunarity,
+                    gain: warp.gain,
+                    normalise: true,
+                    seed: warp_seed(warp.seed, axis),
+                    form: Form::Fbm,
+                    displaced: 0.0,
+                    drifts: false,
+                })
+            }),
+            reach: [0, 1, 2]
+                .map(|axis| if ground.warps[axis] { warp.amplitude / ground.first[axis] } else { 0.0 }),
+        });
+        Perlin { space: fbm.space, warp, sum: ground.compile(&sum) }
+    }
+}
+
+impl Ground {
+    fn compile(&self, sum: &Sum) -> Fractal {
+        let mut octaves = Vec::new();
+        let mut skipped = Vec::new();
+        let (mut scale, mut amplitude, mut total) = (1.0, 1.0, 0.0);
+        for index in 0..sum.octaves {
+            let octave = self.octave(sum, index, scale, amplitude);
+            if amplitude > 0.0 && self.is_placed(&octave, sum.displaced) {
+                octaves.push(octave);
+            } else {
+                skipped.push(amplitude);
+            }
+            total += amplitude;
+            scale *= sum.lacunarity;
+            amplitude *= sum.gain;
+        }
+        let mut mean = skipped.iter().sum::<f64>() * sum.form.mean();
+        if sum.normalise && total > 0.0 {
+            for octave in &mut octaves {
+                octave.amplitude /= total;
+            }
+            mean /= total;
+        }
+        Fractal {
+            octaves,
+            form: sum.form,
+            frequency: sum.frequency,
+            log2_lacunarity: libm::log2(sum.lacunarity),
+            skipped: u32::try_from(skipped.len()).expect("32 octaves at most"),
+            mean,
+        }
+    }
+
+    fn octave(&self, sum: &Sum, index: u32, scale: f64, amplitude: f64) -> Octave {
+        let frequency = frequency(sum.frequency.map(|f| f * scale), self.around);
+        let rows = match (self.rotate, self.around) {
+            (false, _) => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            (true, None) => turn(index),
+            (true, Some(_)) => turn_around(index),
+        };
+        let offset = octave_offset(sum.seed, index);
+        // Cells at the origin, before the turn.
+        let start = [0, 1, 2].map(|axis| {
+            let pace = match sum.drifts {
+                true if self.first[axis] > 0.0 => frequency[axis] / self.first[axis],
+                true => scale,
+                false if self.warps[axis] => frequency[axis] / self.first[axis],
+                false => 0.0,
+            };
+            frequency[axis] * self.offset[axis] - self.moved[axis] * pace
+        });
+        let turned = rows.map(|row| row[0] * start[0] + row[1] * start[1] + row[2] * start[2]);
+        Octave {
+            index,
+            frequency,
+            steps: rows.map(|row| [0, 1, 2].map(|axis| row[axis] * frequency[axis])),
+            origin: [0, 1, 2].map(|axis| turned[axis] + offset[axis]),
+            period: self.around.filter(|_| frequency[2] > 0.0).map(|around| (frequency[2] * around).round()),
+            seed: octave_seed(sum.seed, index),
+            amplitude,
+        }
+    }
+
+    /// Whether single precision can place a voxel in it, where a warp displaces by so many cells of the first octave.
+    fn is_placed(&self, octave: &Octave, displaced: f64) -> bool {
+        let across = octave.frequency[0].max(octave.frequency[1]);
+        let displaced = [0, 1, 2].map(|axis| {
+            if self.warps[axis] { displaced / self.first[axis] * octave.frequency[axis] } else { 0.0 }
+        });
+        (self.space == Space::World || across <= FINEST)
+            && octave.period.is_none_or(|cells| cells <= FINEST)
+            && displaced.iter().all(|cells| *cells <= FINEST)
+            && octave.origin.iter().all(|x| x.is_finite())
+    }
+}
+
+/// Cells per unit; around a loop, as near to those as closes the pattern.
+fn frequency([u, v, l]: [f64; 3], around: Option<f64>) -> [f64; 3] {
+    match around {
+        Some(around) if l > 0.0 => [u, v, (l * around).round().max(1.0) / around],
+        _ => [u, v, l],
+    }
+}
