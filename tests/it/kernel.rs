@@ -211,7 +211,9 @@ fn every_kind_of_tube_agrees_with_the_reference() {
 
 #[test]
 fn no_density_lies_outside_the_planned_bricks() {
-    for name in ["tornado", "solar_flare", "galaxy", "figure2", "sectors"] {
+    for name in
+        ["tornado", "solar_flare", "galaxy", "figure2", "sectors", "dna", "growing", "trefoil", "braid"]
+    {
         let scene = shipped(name);
         let field = Field::compile(&scene);
         let lattice = lattice(&field, 40.0);
