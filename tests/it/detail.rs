@@ -302,10 +302,10 @@ fn fading_leaves_the_mean() {
     for form in ["billow", "ridged"] {
         for space in ["cylinder", "world"] {
             let scene = scene(&format!(
-                "[[tube]]\ncurve = {{ points = [[0,0,0],[0,0,4],[0,0,8]] }}\nradius = 4.0\ncaps = \"flat\"\n\
+                "[bake]\nantialias = \"off\"\n[[tube]]\ncurve = {{ points = [[0,0,0],[0,0,4],[0,0,8]] }}\nradius = 4.0\ncaps = \"flat\"\n\
                  envelope = {{ radial = \"hard\" }}\n[[tube.layer]]\nop = \"multiply\"\nform = \"{form}\"\nspace = \"{space}\"\n\
-                 stretch = 1\n"
-            ).replace("stretch = 1\n", "frequency = 12.0\noctaves = 3\nnormalise = true\n"));
+                 frequency = 12.0\noctaves = 3\nnormalise = true\n"
+            ));
             let field = Field::compile(&scene);
             let mean = |h: f64| {
                 let found = baked_at(&field, Lattice { voxel_size: h });
