@@ -40,7 +40,7 @@ impl Field {
             say("change of the radius: it is constant".into());
         }
         if !tube.radius.is_widened() {
-            say("widening: it is off, or no part is thinner than two voxels".into());
+            say("widening: it is off, or no part is thinner than three voxels".into());
         }
         if tube.conserve == Conserve::Off {
             say("conservation: not asked for".into());

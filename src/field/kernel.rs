@@ -245,9 +245,8 @@ fn at_point<R: Real>(
         let mut inside = R::and(zero.lt(beyond), q.le(one));
         if is_corner {
             inside = R::and(inside, rows.row(token, SECOND).lt(zero));
-            // Turned into the first plane: the part across the hinge keeps its side and takes all of the length.
-            let length = (v * v + beyond * beyond).sqrt();
-            let across = R::select(v.lt(zero), -length, length);
+            // Turned into the first plane, on the side that the axis turns away from.
+            let across = -(v * v + beyond * beyond).sqrt();
             (u, v) = (turn[0] * u + turn[1] * across, turn[2] * u + turn[3] * across);
         }
         let bits = R::bitmask(inside);

@@ -20,8 +20,8 @@
 //! the tangent changes from T1 to T2 at a joint or in a cusp, the points beyond the plane of T1 and before that of T2
 //! have the corner E as a foot: p - E is turned about `T1 x T2` into the plane normal to T1, and u and v are taken there
 //! with the first side's frame, so w = 0. A rotation-minimising frame is turned likewise, which makes the coordinates
-//! continuous on both sides. (Where the tangent reverses, the axis of that turn is the normal of the plane that a cusp lies
-//! in, or the frame's U in a fold.)
+//! continuous on both sides. (Where the tangent reverses, the axis of that turn is in a cusp
+//! the limit of `T1 x T2` beside it, a normal of the plane that the cusp lies in, and in a fold the frame's U.)
 //!
 //! A closed curve has no ends, and no fade there: its last segment is followed by its first, at a joint like any other. Its
 //! frame closes too (`Curve::frame`), so that u and v go on across that joint where the twist is a number of whole turns;
@@ -43,8 +43,8 @@
 //!   the length of the curve (where the tube is not stretched, both lengths are 1), it is `V0 / (r^2 L1)` where the tube
 //!   conserves by radius, and that over `max(1 - kappa rho cos, 0.05)` where it conserves fully. So `gain` is the rest volume over the
 //!   deformed one, `dV / dV0 = (1 - kappa rho cos) r^2 ds/dl` (neither twist nor the slope of the radius changes volume).
-//! - A tube thinner than the voxel, where the scene widens it: r in all of the above is
-//!   `sqrt(r^2 + (1.2 h)^2 (1 - smoothstep(0.5, 2, r / h)))`, with r the tube's own radius and h the voxel's edge, and
+//! - A tube of a radius r below three voxels of edge h, where the scene widens it: r in all of the above is
+//!   `1.5 h + r^2 / (6 h)`, which meets r with its slope at 3 h, with r the tube's own radius, and
 //!   where nothing is conserved `gain` is the square of the own radius over the widened one. (Where 1e-6 of the largest
 //!   radius is asked about, the own radius is meant.)
 //! - `radial(x)`: smooth `(1 - x^2)^2`, linear `1 - x`, hard 1, edge(w) `1 - smoothstep(1 - w, 1, x)`.

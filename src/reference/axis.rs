@@ -339,15 +339,15 @@ fn carry(piece: &Piece, panels: &mut [Panel], mut normal: Vector3<f64>) {
 
 /// The unit axis about which the tangent turns to `tangent`, with which `piece` begins.
 ///
-/// Where the curve turns back on itself: at a cusp the normal of the plane it lies in there, else the frame's
-/// normal.
+/// Where the curve turns back on itself: at a cusp the normal of the plane it lies in there, to the side of T1 x T2 just
+/// beside it, else the frame's normal.
 fn hinge(before: &Stretch, piece: &Piece, tangent: &Vector3<f64>) -> Vector3<f64> {
     let axis = before.exit.tangent.cross(tangent);
     let sin = axis.norm();
     if sin > SMOOTH || (sin > 0.0 && before.exit.tangent.dot(tangent) > 0.0) {
         axis / sin
     } else if before.piece.segment == piece.segment && !piece.straight() {
-        piece.plane_normal()
+        -piece.plane_normal()
     } else {
         before.exit.normal
     }

@@ -211,8 +211,9 @@ impl Bent {
     /// The radius that the tube shows.
     fn wide(&self, own: f64) -> f64 {
         self.widened.map_or(own, |h| {
-            let gone = smoothstep(0.5, 2.0, own / h);
-            libm::hypot(own, 1.2 * h * (1.0 - gone).sqrt())
+            // The parabola through (0, 3/2) and (3, 3), level at its start, in voxels.
+            let voxels = own / h;
+            if voxels < 3.0 { h * (1.5 + 1.5 * (voxels / 3.0) * (voxels / 3.0)) } else { own }
         })
     }
 

@@ -173,6 +173,20 @@ fn every_kind_of_tube_agrees_with_the_reference() {
             "curve = { kind = \"quadratic\", points = [[0,0,0],[0,0,0.5],[0,0,1],[0,0.5,1.2],[0,1,1.4]] }\nradius = 0.25\n",
         ),
         (
+            "sharp corner",
+            "curve = { points = [[0,0,0],[0.5,0,0],[1,0,0],[0.65,0.35,0],[0.3,0.7,0]] }\nradius = 0.2\n",
+        ),
+        (
+            "turning back",
+            "curve = { points = [[0,0,0],[0.5,0,0],[1,0,0],[0.75,0,0],[0.5,0,0]] }\nradius = 0.2\n",
+        ),
+        ("fold", "curve = { points = [[0,0,0],[2,0,0],[1,0,0]] }\nradius = 0.1\n"),
+        ("cusp", "curve = { kind = \"cubic\", points = [[0,0,0],[1,1,0],[0,1,0],[1,0,0]] }\nradius = 0.1\n"),
+        (
+            "lens",
+            "curve = { closed = true, points = [[0,0,0],[0.5,0.3,0],[1,0,0],[0.5,0.8,0]] }\nradius = 0.2\n",
+        ),
+        (
             "keyed",
             "curve = { kind = \"cubic\", points = [[0,0,0],[1,0,0.3],[1,1,0.6],[0,1,1]] }\nradius = [[0, 0.05], [0.3, 0.25], [0.6, 0.1], [1, 0.3]]\n",
         ),
