@@ -103,10 +103,12 @@ impl Field {
         if has_sectors {
             match bend(&reach).filter(|_| tube.curve.rule() == FrameRule::RotationMinimising) {
                 Some([_, turn]) => {
-                    edges.sectors = Some(sectors(tube, segment_index, 0.5 * (capsule.t[0] + capsule.t[1])));
-                    // From the middle, wherever it lies, to the ends.
-                    let [twist, holonomy] =
-                        [(arc[1] - arc[0]) * tube.twist_rate, (x[1] - x[0]) * tube.curve.holonomy()];
+                    let middle = 0.5 * (capsule.t[0] + capsule.t[1]);
+                    edges.sectors = Some(sectors(tube, segment_index, middle));
+                    let s = tube.curve.arc_length(segment_index, middle);
+                    let away = (s - arc[0]).max(arc[1] - s);
+                    let twist = away * tube.twist_rate;
+                    let holonomy = away / length * tube.curve.holonomy();
                     edges.turn = turn + twist.abs() + holonomy.abs();
                 }
                 None => edges.everywhere = true,
@@ -209,23 +211,20 @@ fn is_fade(tube: &Tube, h: f64, arc: [f64; 2]) -> bool {
     !tube.curve.is_closed() && width < NARROW * h && (arc[0] <= width || arc[1] >= length - width)
 }
 
-/// Whether the radius changes fast between these arc lengths.
+/// Whether the radius changes fast somewhere about these arc lengths.
 fn flares(tube: &Tube, h: f64, arc: [f64; 2]) -> bool {
     if tube.radius.is_constant() {
         return false;
     }
     let length = tube.curve.length();
-    let (first, last) = (arc[0] + BESIDE * length, arc[1] - BESIDE * length);
-    if first >= last {
-        return false;
-    }
-    // Capsules are about ten voxels long, unless voxels are too small to be told apart.
-    let count = ((last - first) / h).ceil().clamp(1.0, 64.0);
-    let width = (last - first) / count;
+    // Capsules are about ten voxels long, unless voxels are too small to be told apart; much shorter where the radius is
+    // steep, so that windows a voxel wide, half a voxel apart, reach past their ends.
+    let count = (2.0 * (arc[1] - arc[0]) / h).ceil().clamp(1.0, 64.0);
     let mut number = 0.0;
-    while number < count {
-        let start = first + number * width;
-        let [least, most] = tube.radius.range([start / length, (start + width) / length]);
+    while number <= count {
+        let middle = arc[0] + (arc[1] - arc[0]) * (number / count);
+        let ends = [middle - 0.5 * h, middle + 0.5 * h].map(|s| (s / length).clamp(0.0, 1.0));
+        let [least, most] = tube.radius.range(ends);
         if most - least > FLARE * most {
             return true;
         }

@@ -14,7 +14,9 @@ const CORNERS: usize = EDGE + 1;
 const NODES: usize = CORNERS * CORNERS * CORNERS;
 /// An edge passes through a cell where its centre differs from the mean of its corners by more than this part of the brick's
 /// largest value. Behind a single corner of eight an edge is seen.
-const DIFFERENCE: f32 = 0.08;
+const DIFFERENCE: f32 = 1.0 / 15.0;
+/// And where corners differ from each other by more than this part: two edges may make up for each other at the centre.
+const RANGE: f32 = 0.75;
 
 /// The places in a cell, from its centre, in voxels: a rank-1 lattice, place i at `((2 i + 1) g mod 64) / 64` with
 /// g = (1, 7, 11).
@@ -120,12 +122,16 @@ impl Antialias {
         let peak = self.corners.iter().fold(self.centres.iter().fold(0.0, larger), larger);
         for (cell, &centre) in self.centres.iter().enumerate() {
             let [x, y, z] = [cell / (EDGE * EDGE), cell / EDGE % EDGE, cell % EDGE];
-            let mut sum = 0.0;
+            let (mut sum, mut low, mut high) = (0.0, f32::INFINITY, 0.0_f32);
             for corner in 0..8 {
                 let [x, y, z] = [x + (corner >> 2), y + (corner >> 1 & 1), z + (corner & 1)];
-                sum += self.corners[(x * CORNERS + y) * CORNERS + z];
+                let value = self.corners[(x * CORNERS + y) * CORNERS + z];
+                sum += value;
+                low = low.min(value);
+                high = high.max(value);
             }
-            if all || (centre - 0.125 * sum).abs() > DIFFERENCE * peak {
+            let differs = (centre - 0.125 * sum).abs() > DIFFERENCE * peak || high - low > RANGE * peak;
+            if all || differs {
                 self.cells.push(cell);
             }
         }

@@ -10,12 +10,13 @@
 //! exclude it (`field::edges`); bricks without are evaluated as if nothing were anti-aliased. In the others the field's
 //! *outline* is evaluated at the corners and centres of all cells: the density without its layers, sectors apart, and with
 //! feet and tubes joined by sum. A cell counts if the outline at its centre differs from the mean of those at its corners by
-//! more than 1/20 of the largest in the brick, or if a tube thinner than 0.9 voxels comes near the brick. Where the density
-//! is smooth that difference is three times what the mean over the cell differs by from the value at its centre.
+//! more than 1/15 of the largest in the brick, or its corners from each other by more than 3/4 of that, or if a tube thinner
+//! than 0.9 voxels comes near the brick. (Where the density is smooth the first difference is three times what the mean over
+//! the cell differs by from the value at its centre, and both stay below for tubes of four voxels or more.)
 //!
 //! So a mean is kept where the density ends, and mass with it; a voxel may be active whose centre is outside. A cell from
-//! which the edge takes less than its corners can show, the segment of a circle, is left to its centre: of a tube four voxels
-//! thick that is less than 1/24 of the cell.
+//! which the edge takes less than its corners can show, the segment of a circle, is left to its centre: beside a tube with a
+//! radius of four voxels that is 1/48 of the cell.
 
 use cpu_time::ThreadTime;
 use rayon::prelude::*;

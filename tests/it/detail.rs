@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use glam::DVec3;
 use rayon::prelude::*;
-use vdbake::field::{Field, Lattice};
+use vdbake::field::{Extent, Field, Lattice};
 use vdbake::noise::{Form, MEAN_MAGNITUDE, Octave, octave_seed, turn, turn_around};
 use vdbake::num::Level;
 use vdbake::reference::{self, Reference};
@@ -184,7 +184,7 @@ fn baked(scene: &Scene, resolution: f64) -> Vec<([i32; 3], u32)> {
 }
 
 fn baked_at(field: &Field, lattice: Lattice) -> Vec<([i32; 3], u32)> {
-    let plan = Plan::new(field, lattice, 1 << 30).expect("a small plan");
+    let plan = Plan::for_extent(field, lattice, Extent::Centres, 1 << 30).expect("a small plan");
     let mut store = Store::default();
     let Ok(_) = bake(field, &plan, 0.0, Level::best(), &mut store, |_| ());
     let values: Vec<_> = store.active().map(|(voxel, value)| (voxel, value.to_bits())).collect();
