@@ -6,8 +6,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::cli::memory::Amount;
 use crate::cli::{Failure, text};
-use crate::formats::vdb::{GridInfo, Meta, Metadata, read_info};
+use crate::formats::vdb::{GridInfo, Meta, Metadata, VdbFile};
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -113,7 +114,7 @@ fn list<T>(items: &[T], text: impl Fn(&T) -> String) -> String {
 /// Reads the file's headers.
 pub(super) fn read(path: &Path) -> Result<Report, Failure> {
     let name = path.display().to_string();
-    let mut file =
+    let file =
         File::open(path).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let metadata =
         file.metadata().map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
@@ -121,15 +122,17 @@ pub(super) fn read(path: &Path) -> Result<Report, Failure> {
     if metadata.is_file() && bytes == 0 {
         return Err(Failure::input(format!("{name} is empty")));
     }
-    let info =
-        read_info(&mut file).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    // A file without offsets is read through, which takes memory for one grid's nodes after the other.
+    let file = VdbFile::open_within(file, Amount::installed().bytes())
+        .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    let info = file.info();
     Ok(Report {
         kind: "vdb",
         file: name,
         bytes,
         version: info.version,
         library: format!("{}.{}", info.library[0], info.library[1]),
-        uuid: info.uuid,
+        uuid: info.uuid.clone(),
         metadata: values(&info.metadata),
         grids: info.grids.iter().map(grid).collect(),
     })

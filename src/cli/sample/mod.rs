@@ -215,7 +215,7 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let failed = |error| Failure::input(format!("cannot read {name}")).because(error);
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
-    let mut file = VdbFile::open(file).map_err(failed)?.with_memory_limit(arguments.scene.budget().bytes());
+    let mut file = VdbFile::open_within(file, arguments.scene.budget().bytes()).map_err(failed)?;
     let number = choose(file.info(), arguments.grid.as_deref())?;
     let info = file.info().grids.get(number).ok_or_else(|| Failure::input("the file holds no grid"))?;
     let indices: Vec<DVec3> = if arguments.index {
