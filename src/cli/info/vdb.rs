@@ -22,6 +22,8 @@ pub(super) struct Report {
     uuid: String,
     metadata: BTreeMap<String, Value>,
     grids: Vec<Grid>,
+    /// Grids that the file has besides, behind one that cannot be passed.
+    out_of_reach: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -135,6 +137,7 @@ pub(super) fn read(path: &Path) -> Result<Report, Failure> {
         uuid: info.uuid.clone(),
         metadata: values(&info.metadata),
         grids: info.grids.iter().map(grid).collect(),
+        out_of_reach: info.out_of_reach,
     })
 }
 
@@ -190,6 +193,12 @@ pub(super) fn human(report: &Report) -> String {
     }
     for grid in &report.grids {
         describe(grid, &mut table);
+    }
+    if report.out_of_reach > 0 {
+        table.heading(format!(
+            "out of reach: {}, behind one that is not supported, in a file without offsets",
+            text::number(report.out_of_reach as u64, "grid"),
+        ));
     }
     table.finish()
 }

@@ -16,7 +16,7 @@ use super::job::{Compiled, SceneOptions, Source};
 use super::output::Output;
 use super::{Failure, Global, info, print, text};
 use crate::formats::npy;
-use crate::formats::vdb::{FileInfo, PartialGrid, VdbFile};
+use crate::formats::vdb::{FileInfo, PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::reference::Reference;
 use crate::volume::{self, Filter, Part, PlanError, WorldToIndex};
@@ -212,11 +212,11 @@ fn unplanned(error: PlanError) -> Failure {
 
 fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let name = arguments.file.display();
-    let failed = |error| Failure::input(format!("cannot read {name}")).because(error);
+    let failed = |error: VdbReadError| Failure::input(format!("cannot read {name}")).because(error);
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let mut file = VdbFile::open_within(file, arguments.scene.budget().bytes()).map_err(failed)?;
-    let number = choose(file.info(), arguments.grid.as_deref())?;
+    let number = choose(file.info(), arguments.grid.as_deref(), failed)?;
     let info = file.info().grids.get(number).ok_or_else(|| Failure::input("the file holds no grid"))?;
     let indices: Vec<DVec3> = if arguments.index {
         points.to_vec()
@@ -253,7 +253,11 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
 }
 
 /// The number of the grid to sample.
-fn choose(info: &FileInfo, name: Option<&str>) -> Result<usize, Failure> {
+fn choose(
+    info: &FileInfo,
+    name: Option<&str>,
+    failed: impl Fn(VdbReadError) -> Failure,
+) -> Result<usize, Failure> {
     let find = |name: &str| info.grids.iter().position(|grid| grid.name == name);
     let names = || {
         let names: Vec<String> = info.grids.iter().map(|grid| text::tidy(&grid.name)).collect();
@@ -262,7 +266,11 @@ fn choose(info: &FileInfo, name: Option<&str>) -> Result<usize, Failure> {
     match (name, info.grids.len()) {
         (_, 0) => Err(Failure::input("the file holds no grid")),
         (Some(name), _) => {
-            find(name).ok_or_else(|| Failure::usage(format!("the file has no grid {name:?}")).hint(names()))
+            let missing = || match info.out_of_reach {
+                0 => Failure::usage(format!("the file has no grid {name:?}")),
+                _ => failed(VdbReadError::OutOfReach(name.to_owned())),
+            };
+            find(name).ok_or_else(|| missing().hint(names()))
         }
         (None, 1) => Ok(0),
         (None, _) => find("density").ok_or_else(|| {
