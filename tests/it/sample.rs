@@ -565,3 +565,37 @@ fn grids_behind_an_unknown_one_are_told_to_be_out_of_reach() {
     let part = "grid \"after\" comes after a grid that is not supported";
     assert!(stderr(&output).contains(part), "{}", stderr(&output));
 }
+
+#[test]
+fn grids_of_one_name_are_told_apart_by_their_number() {
+    let folder = tempdir().expect("a temporary folder");
+    let path = folder.path().join("file.vdb");
+    let mut bytes = named(&path, &["xx", "yy", "xy"]);
+    // Other programs may write what ours does not: grids of one name.
+    for at in find(&bytes, b"\x02\0\0\0xy") {
+        bytes[at + 5] = b'x';
+    }
+    fs::write(&path, &bytes).expect("a writable folder");
+    let sample = |grid: &[&str]| {
+        let arguments = [&["file.vdb", "--points", "-", "--json"], grid].concat();
+        run(folder.path(), &arguments, "0,0,0\n")
+    };
+    for (grid, label, value) in
+        [("xx[0]", "xx[0]", 0.0), ("xx[1]", "xx[1]", 2.0), ("yy", "yy", 1.0), ("yy[0]", "yy", 1.0)]
+    {
+        let output = sample(&["--grid", grid]);
+        assert!(output.status.success(), "{grid}: {}", stderr(&output));
+        let json: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+        assert_eq!((&json["grid"], &json["values"][0]), (&label.into(), &value.into()));
+    }
+    for (grid, part) in [
+        (&["--grid", "xx"][..], "xx[0], xx[1]"),
+        (&["--grid", "xx[2]"], "xx[0], yy, xx[1]"),
+        (&["--grid", "xx[-1]"], "xx[0], yy, xx[1]"),
+        (&[], "xx[0], yy, xx[1]"),
+    ] {
+        let output = sample(grid);
+        assert_eq!(output.status.code(), Some(2), "{grid:?}");
+        assert!(stderr(&output).contains(part), "{grid:?}: {}", stderr(&output));
+    }
+}
