@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     /// How values between the voxels of a file are found [default: trilinear]
     #[arg(long, value_enum)]
     filter: Option<FilterName>,
-    /// The grid to sample; NAME[0], NAME[1] where several have a name [default: the only one, else density]
+    /// The grid to sample, with its number in brackets behind the name where several have it, as in `density[1]` [default: the only one, else density]
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     /// Take points as indices of the file's own lattice: whole numbers give stored values, to the bit
