@@ -57,6 +57,8 @@ struct Report {
     antialiased_voxels: u64,
     /// Of the active, whose density was beyond the range of the precision, and was clamped.
     clamped_voxels: u64,
+    /// Of the active, whose density became 0 in the precision.
+    vanished_voxels: u64,
     leaves: u64,
     tiles: u64,
     bytes: u64,
@@ -251,6 +253,13 @@ fn bake(
         );
         note(progress, &text);
     }
+    if tally.vanished_voxels > 0 {
+        let text = format!(
+            "{} of a density nearer to 0 than to the least 16-bit float got the value 0 and stay active; --precision f32 keeps them",
+            text::number(tally.vanished_voxels, "voxel"),
+        );
+        note(progress, &text);
+    }
 
     let content = text::hexadecimal(&tally.content_hash);
     let header = job.file_header(&content)?;
@@ -283,6 +292,7 @@ fn bake(
         active_voxels: tally.active_voxels,
         antialiased_voxels: tally.antialiased_voxels,
         clamped_voxels: tally.clamped_voxels,
+        vanished_voxels: tally.vanished_voxels,
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,

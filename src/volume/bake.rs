@@ -60,6 +60,8 @@ pub struct Tally {
     pub bisected_voxels: u64,
     /// Active voxels whose density was beyond the range of the sink's [`Precision`](super::Precision), and was clamped.
     pub clamped_voxels: u64,
+    /// Active voxels whose density became 0 in that precision.
+    pub vanished_voxels: u64,
     /// Voxels whose centres are inside a tube, counted for every piece of an axis that holds a foot of theirs.
     pub inside_voxels: u64,
     /// Voxels with several feet on one axis.
@@ -107,6 +109,7 @@ pub fn bake<S: Sink>(
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
             tally.clamped_voxels += done.clamped;
+            tally.vanished_voxels += done.vanished;
             tally.antialiased_voxels += done.antialiased;
             tally.searched_voxels += done.counts.searched;
             tally.bisected_voxels += done.counts.bisected;
@@ -142,6 +145,7 @@ struct Done<Run> {
     active: u64,
     antialiased: u64,
     clamped: u64,
+    vanished: u64,
     counts: Counts,
     evaluate: f64,
     encode: f64,
@@ -174,6 +178,7 @@ impl Worker {
             active: 0,
             antialiased: 0,
             clamped: 0,
+            vanished: 0,
             counts: Counts::default(),
             evaluate: 0.0,
             encode: 0.0,
@@ -200,7 +205,9 @@ impl Worker {
             let active = brick.active();
             if active > 0 {
                 done.active += u64::from(active);
-                done.clamped += sink.precision().round(&mut brick.values) as u64;
+                let rounded = sink.precision().round(&mut brick.values);
+                done.clamped += rounded.clamped as u64;
+                done.vanished += rounded.vanished as u64;
                 self.bricks.push(brick);
             }
         }

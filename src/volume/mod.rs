@@ -35,7 +35,7 @@ pub use part::{NotRead, Part, PartialTree};
 pub use plan::{Plan, PlanError};
 pub use points::density_at;
 pub(crate) use precision::to_halves;
-pub use precision::{LARGEST_F16, Precision};
+pub use precision::{LARGEST_F16, Precision, Rounded};
 pub use rest::RestMass;
 pub use sample::{Filter, Sampled, Sampler, Wide, is_indexed, sample_at};
 pub use shape::{Leaf, Stats, Tile};

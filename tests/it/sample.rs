@@ -8,7 +8,10 @@ use std::process::{Output, Stdio};
 use serde_json::Value;
 use tempfile::tempdir;
 use vdbake::formats::npy::{self, Array, Values};
-use vdbake::formats::vdb::VdbFile;
+use vdbake::formats::vdb::{
+    self, Compression, EncodedBricks, FileHeader, GridClass, GridHeader, Metadata, VdbFile, VdbGridBuilder,
+    VectorType, WriteGrid,
+};
 
 use crate::oracle::{judge, openvdb_make, openvdb_probe, vdb_tool};
 use crate::support::{bake, evaluated, random, scenes_with_tiles, stderr, stdout, vdbake, write};
@@ -496,4 +499,103 @@ fn wrong_arguments_are_2_and_wrong_input_is_3() {
         .collect();
     names.sort();
     assert_eq!(names, ["baked.vdb", "cone.toml", "pairs.npy", "wrong.csv", "wrong.npy"]);
+}
+
+/// A file with a grid of each of these names, of one voxel at the origin with the grid's number.
+fn named(path: &Path, names: &[&str]) -> Vec<u8> {
+    let grids: Vec<_> = (0_u8..)
+        .zip(names)
+        .map(|(number, name)| {
+            let mut grid = VdbGridBuilder::new(Compression::Zip);
+            let mut run = EncodedBricks::default();
+            run.push(grid.encoder(), [0; 3], &[1, 0, 0, 0, 0, 0, 0, 0], &[f32::from(number); 512]);
+            grid.append(&run).expect("sorted");
+            let header = GridHeader {
+                name: (*name).to_owned(),
+                class: GridClass::FogVolume,
+                vector_type: VectorType::Invariant,
+                voxel_size: 0.5,
+                translation: [0.0; 3],
+                metadata: Metadata::new(),
+            };
+            (header, grid)
+        })
+        .collect();
+    let header = FileHeader { uuid: uuid::Uuid::nil(), metadata: Metadata::new() };
+    let grids: Vec<(&GridHeader, &dyn WriteGrid)> =
+        grids.iter().map(|(header, grid)| (header, grid as &dyn WriteGrid)).collect();
+    let mut bytes = vec![];
+    vdb::write(&mut bytes, &header, &grids).expect("valid grids");
+    fs::write(path, &bytes).expect("a writable folder");
+    bytes
+}
+
+fn find(bytes: &[u8], text: &[u8]) -> Vec<usize> {
+    (0..bytes.len()).filter(|at| bytes[*at..].starts_with(text)).collect()
+}
+
+#[test]
+fn grids_behind_an_unknown_one_are_told_to_be_out_of_reach() {
+    let folder = tempdir().expect("a temporary folder");
+    let path = folder.path().join("file.vdb");
+    let mut bytes = named(&path, &["before", "unknown", "after", "last"]);
+    let grids = find(&bytes, b"Tree_float_5_4_3");
+    bytes[20] = 0;
+    for at in &grids {
+        bytes[at + 20..at + 44].fill(0);
+    }
+    let info = |arguments: &[&str]| {
+        let output = vdbake().arg("info").arg(&path).args(arguments).output().expect("the program starts");
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output)
+    };
+    let json = || serde_json::from_str::<Value>(&info(&["--json"])).expect("one JSON object");
+    fs::write(&path, &bytes).expect("a writable folder");
+    assert!(json()["out_of_reach"] == 0 && !info(&[]).contains("out of reach"));
+    let sample = |grid: &str| run(folder.path(), &["file.vdb", "--points", "-", "--grid", grid], "0,0,0\n");
+    assert_eq!(stdout(&sample("after")), "x,y,z,value\n0.0,0.0,0.0,2.0\n");
+
+    bytes[grids[1] + 5..grids[1] + 10].copy_from_slice(b"point");
+    fs::write(&path, &bytes).expect("a writable folder");
+    assert_eq!(json()["out_of_reach"], 2);
+    assert!(info(&[]).contains("out of reach: 2 grids, behind one"), "{}", info(&[]));
+    assert_eq!(stdout(&sample("before")), "x,y,z,value\n0.0,0.0,0.0,0.0\n");
+    let output = sample("after");
+    assert_eq!(output.status.code(), Some(3));
+    let part = "grid \"after\" comes after a grid that is not supported";
+    assert!(stderr(&output).contains(part), "{}", stderr(&output));
+}
+
+#[test]
+fn grids_of_one_name_are_told_apart_by_their_number() {
+    let folder = tempdir().expect("a temporary folder");
+    let path = folder.path().join("file.vdb");
+    let mut bytes = named(&path, &["xx", "yy", "xy"]);
+    // Other programs may write what ours does not: grids of one name.
+    for at in find(&bytes, b"\x02\0\0\0xy") {
+        bytes[at + 5] = b'x';
+    }
+    fs::write(&path, &bytes).expect("a writable folder");
+    let sample = |grid: &[&str]| {
+        let arguments = [&["file.vdb", "--points", "-", "--json"], grid].concat();
+        run(folder.path(), &arguments, "0,0,0\n")
+    };
+    for (grid, label, value) in
+        [("xx[0]", "xx[0]", 0.0), ("xx[1]", "xx[1]", 2.0), ("yy", "yy", 1.0), ("yy[0]", "yy", 1.0)]
+    {
+        let output = sample(&["--grid", grid]);
+        assert!(output.status.success(), "{grid}: {}", stderr(&output));
+        let json: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+        assert_eq!((&json["grid"], &json["values"][0]), (&label.into(), &value.into()));
+    }
+    for (grid, part) in [
+        (&["--grid", "xx"][..], "xx[0], xx[1]"),
+        (&["--grid", "xx[2]"], "xx[0], yy, xx[1]"),
+        (&["--grid", "xx[-1]"], "xx[0], yy, xx[1]"),
+        (&[], "xx[0], yy, xx[1]"),
+    ] {
+        let output = sample(grid);
+        assert_eq!(output.status.code(), Some(2), "{grid:?}");
+        assert!(stderr(&output).contains(part), "{grid:?}: {}", stderr(&output));
+    }
 }

@@ -561,9 +561,13 @@ fn densities_beyond_the_range_are_clamped_and_told() {
         let solid = support::SOLID.replacen("[[tube]]", "[bake]\nantialias = \"off\"\n[[tube]]", 1);
         support::write(&folder.path().join("dense.toml"), &[solid, layer].concat())
     };
-    for (density, stored, clamped) in
-        [("1e6", 65504.0, true), ("65520", 65504.0, true), ("65519", 65504.0, false), ("3e4", 30000.0, false)]
-    {
+    for (density, stored, clamped) in [
+        ("1e6", 65504.0, true),
+        ("65520", 65504.0, true),
+        ("65519", 65504.0, true),
+        ("65504", 65504.0, false),
+        ("3e4", 30000.0, false),
+    ] {
         let scene = scene(density);
         let baked = bake(&scene, folder.path(), &FORMS[3]);
         let voxels = baked.report["active_voxels"].as_u64().expect("a count");
@@ -577,5 +581,19 @@ fn densities_beyond_the_range_are_clamped_and_told() {
         command.arg("bake").arg(&scene).arg("-o").arg(folder.path().join("told.vdb"));
         let output = command.args(["--resolution", "16", "--precision", "f16"]).output().expect("starts");
         assert_eq!(stderr(&output).contains("note: ") && stderr(&output).contains("65504"), clamped);
+    }
+    // 2^-25 lies halfway between 0 and the least number.
+    for (density, vanishes) in [("2.9e-8", true), ("3.0e-8", false), ("1e-12", true)] {
+        let scene = scene(density);
+        let baked = bake(&scene, folder.path(), &FORMS[3]);
+        let voxels = baked.report["active_voxels"].as_u64().expect("a count");
+        assert!(voxels > 0);
+        assert_eq!(baked.report["vanished_voxels"], if vanishes { voxels } else { 0 }, "{density}");
+        assert_eq!(baked.report["clamped_voxels"], 0);
+        assert_eq!(bake(&scene, folder.path(), &FORMS[0]).report["vanished_voxels"], 0);
+        let mut command = vdbake();
+        command.arg("bake").arg(&scene).arg("-o").arg(folder.path().join("told.vdb"));
+        let output = command.args(["--resolution", "16", "--precision", "f16"]).output().expect("starts");
+        assert_eq!(stderr(&output).contains("got the value 0"), vanishes, "{}", stderr(&output));
     }
 }

@@ -6,8 +6,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::cli::memory::Amount;
 use crate::cli::{Failure, text};
-use crate::formats::vdb::{GridInfo, Meta, Metadata, read_info};
+use crate::formats::vdb::{GridInfo, Meta, Metadata, VdbFile};
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -21,6 +22,8 @@ pub(super) struct Report {
     uuid: String,
     metadata: BTreeMap<String, Value>,
     grids: Vec<Grid>,
+    /// Grids that the file has besides, behind one that cannot be passed.
+    out_of_reach: usize,
 }
 
 #[derive(Debug, Serialize)]
@@ -113,7 +116,7 @@ fn list<T>(items: &[T], text: impl Fn(&T) -> String) -> String {
 /// Reads the file's headers.
 pub(super) fn read(path: &Path) -> Result<Report, Failure> {
     let name = path.display().to_string();
-    let mut file =
+    let file =
         File::open(path).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let metadata =
         file.metadata().map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
@@ -121,17 +124,20 @@ pub(super) fn read(path: &Path) -> Result<Report, Failure> {
     if metadata.is_file() && bytes == 0 {
         return Err(Failure::input(format!("{name} is empty")));
     }
-    let info =
-        read_info(&mut file).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    // A file without offsets is read through, which takes memory for one grid's nodes after the other.
+    let file = VdbFile::open_within(file, Amount::installed().bytes())
+        .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
+    let info = file.info();
     Ok(Report {
         kind: "vdb",
         file: name,
         bytes,
         version: info.version,
         library: format!("{}.{}", info.library[0], info.library[1]),
-        uuid: info.uuid,
+        uuid: info.uuid.clone(),
         metadata: values(&info.metadata),
         grids: info.grids.iter().map(grid).collect(),
+        out_of_reach: info.out_of_reach,
     })
 }
 
@@ -187,6 +193,12 @@ pub(super) fn human(report: &Report) -> String {
     }
     for grid in &report.grids {
         describe(grid, &mut table);
+    }
+    if report.out_of_reach > 0 {
+        table.heading(format!(
+            "out of reach: {}, behind one that is not supported, in a file without offsets",
+            text::number(report.out_of_reach as u64, "grid"),
+        ));
     }
     table.finish()
 }

@@ -1,5 +1,6 @@
 //! `vdbake sample`: values at points.
 
+mod choice;
 mod points;
 mod values;
 
@@ -16,10 +17,11 @@ use super::job::{Compiled, SceneOptions, Source};
 use super::output::Output;
 use super::{Failure, Global, info, print, text};
 use crate::formats::npy;
-use crate::formats::vdb::{FileInfo, PartialGrid, VdbFile};
+use crate::formats::vdb::{PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::reference::Reference;
 use crate::volume::{self, Filter, Part, PlanError, WorldToIndex};
+use choice::{Choice, choose};
 use values::Samples;
 
 /// Bytes of a grid that are read in the time that it takes to find out where a point's voxels are, about.
@@ -36,7 +38,7 @@ pub(super) struct Arguments {
     /// How values between the voxels of a file are found [default: trilinear]
     #[arg(long, value_enum)]
     filter: Option<FilterName>,
-    /// The grid to sample [default: the only one, else density]
+    /// The grid to sample, with its number in brackets behind the name where several have it, as in `density[1]` [default: the only one, else density]
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     /// Take points as indices of the file's own lattice: whole numbers give stored values, to the bit
@@ -212,11 +214,11 @@ fn unplanned(error: PlanError) -> Failure {
 
 fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let name = arguments.file.display();
-    let failed = |error| Failure::input(format!("cannot read {name}")).because(error);
+    let failed = |error: VdbReadError| Failure::input(format!("cannot read {name}")).because(error);
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
-    let mut file = VdbFile::open(file).map_err(failed)?.with_memory_limit(arguments.scene.budget().bytes());
-    let number = choose(file.info(), arguments.grid.as_deref())?;
+    let mut file = VdbFile::open_within(file, arguments.scene.budget().bytes()).map_err(failed)?;
+    let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
     let info = file.info().grids.get(number).ok_or_else(|| Failure::input("the file holds no grid"))?;
     let indices: Vec<DVec3> = if arguments.index {
         points.to_vec()
@@ -240,7 +242,7 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     Ok(Found {
         samples: Samples::of_tree(&grid.tree, filter, &indices)
             .map_err(|error| Failure::failed("cannot sample the grid").because(error))?,
-        grid: grid.info.name,
+        grid: label,
         method: match filter {
             Filter::Nearest => "nearest",
             Filter::Trilinear => "trilinear",
@@ -250,25 +252,6 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
         voxel_size: None,
         out_of_range: indices.iter().filter(|index| !volume::is_indexed(**index)).count(),
     })
-}
-
-/// The number of the grid to sample.
-fn choose(info: &FileInfo, name: Option<&str>) -> Result<usize, Failure> {
-    let find = |name: &str| info.grids.iter().position(|grid| grid.name == name);
-    let names = || {
-        let names: Vec<String> = info.grids.iter().map(|grid| text::tidy(&grid.name)).collect();
-        format!("the file holds: {}", names.join(", "))
-    };
-    match (name, info.grids.len()) {
-        (_, 0) => Err(Failure::input("the file holds no grid")),
-        (Some(name), _) => {
-            find(name).ok_or_else(|| Failure::usage(format!("the file has no grid {name:?}")).hint(names()))
-        }
-        (None, 1) => Ok(0),
-        (None, _) => find("density").ok_or_else(|| {
-            Failure::usage("the file has several grids; choose one with --grid").hint(names())
-        }),
-    }
 }
 
 /// Writes a file of values, whole or not at all.

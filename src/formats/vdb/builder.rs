@@ -17,6 +17,16 @@ const PIECE: usize = 4 << 20;
 pub struct EncodedBricks<T = f32> {
     bricks: Vec<Brick<T>>,
     bytes: Vec<u8>,
+    encoder: Encoding,
+}
+
+/// What encoded the bricks of a run.
+#[derive(Debug, Clone, Copy, Default)]
+enum Encoding {
+    #[default]
+    None,
+    One(Encoder),
+    Several,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +37,7 @@ enum Brick<T> {
 
 impl<T> Default for EncodedBricks<T> {
     fn default() -> Self {
-        Self { bricks: vec![], bytes: vec![] }
+        Self { bricks: vec![], bytes: vec![], encoder: Encoding::None }
     }
 }
 
@@ -36,6 +46,7 @@ impl<T: Voxel> EncodedBricks<T> {
     pub fn clear(&mut self) {
         self.bricks.clear();
         self.bytes.clear();
+        self.encoder = Encoding::None;
     }
 
     /// Encodes a brick of 8^3 voxels behind those of the run.
@@ -47,6 +58,11 @@ impl<T: Voxel> EncodedBricks<T> {
         if mask.iter().all(|word| *word == 0) {
             return;
         }
+        self.encoder = match self.encoder {
+            Encoding::None => Encoding::One(encoder),
+            Encoding::One(other) if other == encoder => self.encoder,
+            _ => Encoding::Several,
+        };
         let value = encoder.round(values[0]);
         let alike = |v: &T| v.same(value) || encoder.round(*v).same(value);
         if mask.iter().all(|word| *word == u64::MAX) && values.iter().all(alike) {
@@ -90,8 +106,14 @@ impl<T: Voxel> VdbGridBuilder<T> {
     ///
     /// # Errors
     /// [`VdbWriteError::Misaligned`] and [`VdbWriteError::Order`], see [`Topology::push_leaf`]; the grid is then of no
-    /// further use.
+    /// further use. [`VdbWriteError::Encoder`] where a brick of the run was encoded with another encoder than this
+    /// grid's; the grid is then as it was.
     pub fn append(&mut self, run: &EncodedBricks<T>) -> Result<(), VdbWriteError> {
+        match run.encoder {
+            Encoding::None => {}
+            Encoding::One(encoder) if encoder == self.encoder => {}
+            _ => return Err(VdbWriteError::Encoder),
+        }
         for brick in &run.bricks {
             match brick {
                 Brick::Leaf(leaf) => self.topology.push_leaf(*leaf)?,

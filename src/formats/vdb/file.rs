@@ -29,6 +29,9 @@ pub enum VdbWriteError {
         /// The brick's origin.
         origin: [i32; 3],
     },
+    /// Bricks were encoded with another compression or precision than that of the grid they were to be added to.
+    #[error("bricks are encoded with another compression or precision than the grid's")]
+    Encoder,
     /// A grid's name is empty, taken by another grid of the file, or holds the byte 0x1E.
     #[error("grid name {0:?} is empty, taken, or holds a control character")]
     GridName(String),

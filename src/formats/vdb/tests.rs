@@ -280,3 +280,29 @@ fn bytes_are_known() {
         assert_eq!(digest, known, "{compression:?}");
     }
 }
+
+#[test]
+fn bricks_of_another_encoder_are_refused() {
+    let bricks = &bricks()[..3];
+    for of_grid in &ENCODERS {
+        for of_run in &ENCODERS {
+            let mut grid = VdbGridBuilder::with_encoder(*of_grid);
+            let mut run = encode(*of_run, bricks);
+            let appended = grid.append(&run);
+            if of_grid == of_run {
+                assert!(appended.is_ok());
+                continue;
+            }
+            assert!(matches!(appended, Err(VdbWriteError::Encoder)));
+            assert_eq!((grid.stats().leaves, grid.encoded_bytes()), (0, 0));
+            // Nor a run of which some are of this encoder; cleared, it is of any.
+            let (origin, mask, values) = &bricks[0];
+            run.push(*of_grid, *origin, mask, values);
+            assert!(matches!(grid.append(&run), Err(VdbWriteError::Encoder)));
+            run.clear();
+            run.push(*of_grid, *origin, mask, values);
+            assert!(grid.append(&run).is_ok());
+        }
+    }
+    assert!(VdbGridBuilder::new(Compression::Zip).append(&EncodedBricks::default()).is_ok());
+}

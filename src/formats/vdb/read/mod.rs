@@ -30,6 +30,7 @@ pub use error::VdbReadError;
 use header::Record;
 pub use header::{FileInfo, GridInfo, Map};
 use leaves::{Bits, Buffers};
+use topology::Allowance;
 use value::Stored;
 
 use crate::volume::{Part, PartialTree, Tree};
@@ -119,9 +120,18 @@ impl<R: Read + Seek> VdbFile<R> {
     /// # Errors
     /// See [`VdbReadError`].
     pub fn open(input: R) -> Result<Self, VdbReadError> {
+        Self::open_within(input, u64::MAX)
+    }
+
+    /// As [`VdbFile::open`] and [`VdbFile::with_memory_limit`]; the limit holds from the start, also while a file without
+    /// offsets is read through.
+    ///
+    /// # Errors
+    /// See [`VdbReadError`].
+    pub fn open_within(input: R, memory_limit: u64) -> Result<Self, VdbReadError> {
         let mut cursor = Cursor::new(input)?;
         let (info, has_offsets, count) = header::file_header(&mut cursor)?;
-        let mut file = Self { cursor, info, records: vec![], memory_limit: u64::MAX };
+        let mut file = Self { cursor, info, records: vec![], memory_limit };
         for number in 0..count {
             let (mut info, mut record) = header::grid_header(&mut file.cursor, has_offsets)?;
             let mut readable = true;
@@ -142,7 +152,8 @@ impl<R: Read + Seek> VdbFile<R> {
         Ok(file)
     }
 
-    /// Limits the bytes that a grid may take in memory. The limit is checked before values are decoded.
+    /// Limits the bytes that a grid may take in memory. The limit is checked node by node, and before values
+    /// are decoded.
     #[must_use]
     pub fn with_memory_limit(mut self, bytes: u64) -> Self {
         self.memory_limit = bytes;
@@ -237,7 +248,8 @@ impl<R: Read + Seek> VdbFile<R> {
     ) -> Result<AnyTree, VdbReadError> {
         Ok(match type_name {
             "Tree_bool_5_4_3" => {
-                let (tree, _) = topology::read(&mut self.cursor, record.flags, record.half)?;
+                let allowance = Allowance { grid, limit: self.memory_limit };
+                let (tree, _) = topology::read(&mut self.cursor, record.flags, record.half, allowance)?;
                 AnyTree::Bool(self.values(grid, tree, &Bits, part)?)
             }
             "Tree_int32_5_4_3" => AnyTree::Int32(self.tree_of(grid, record, part)?),
@@ -257,7 +269,8 @@ impl<R: Read + Seek> VdbFile<R> {
         record: &Record,
         part: Option<&Part>,
     ) -> Result<Tree<T>, VdbReadError> {
-        let (tree, layout) = topology::read(&mut self.cursor, record.flags, record.half)?;
+        let allowance = Allowance { grid, limit: self.memory_limit };
+        let (tree, layout) = topology::read(&mut self.cursor, record.flags, record.half, allowance)?;
         self.values(grid, tree, &layout, part)
     }
 
@@ -271,10 +284,7 @@ impl<R: Read + Seek> VdbFile<R> {
         let taken = part.map(|part| part.leaves_of(&tree)).filter(|taken| taken.contains(&false));
         let count =
             taken.as_ref().map_or(tree.leaf_count(), |taken| taken.iter().filter(|taken| **taken).count());
-        let (needed, limit) = (tree.memory_bytes_with(count), self.memory_limit);
-        if needed > limit {
-            return Err(VdbReadError::Memory { grid: grid.to_owned(), needed, limit });
-        }
+        Allowance { grid, limit: self.memory_limit }.check(tree.memory_bytes_with(count))?;
         if let Some(taken) = taken {
             let (pages, slots) = leaves::read_some(&mut self.cursor, buffers, &tree.leaves, &taken)?;
             (tree.pages, tree.slots) = (pages, Some(slots));
@@ -294,23 +304,26 @@ impl<R: Read + Seek> VdbFile<R> {
         }
         match info.type_name.as_str() {
             "Tree_bool_5_4_3" => {
-                let (tree, _) = topology::read::<bool, R>(&mut self.cursor, record.flags, record.half)?;
+                let allowance = Allowance { grid: &info.name, limit: self.memory_limit };
+                let (tree, _) =
+                    topology::read::<bool, R>(&mut self.cursor, record.flags, record.half, allowance)?;
                 leaves::skip(&mut self.cursor, &Bits, &tree.leaves)?;
             }
-            "Tree_int32_5_4_3" => self.pass_of::<i32>(record)?,
-            "Tree_int64_5_4_3" => self.pass_of::<i64>(record)?,
-            "Tree_float_5_4_3" => self.pass_of::<f32>(record)?,
-            "Tree_double_5_4_3" => self.pass_of::<f64>(record)?,
-            "Tree_vec3i_5_4_3" => self.pass_of::<[i32; 3]>(record)?,
-            "Tree_vec3s_5_4_3" => self.pass_of::<[f32; 3]>(record)?,
-            "Tree_vec3d_5_4_3" => self.pass_of::<[f64; 3]>(record)?,
+            "Tree_int32_5_4_3" => self.pass_of::<i32>(&info.name, record)?,
+            "Tree_int64_5_4_3" => self.pass_of::<i64>(&info.name, record)?,
+            "Tree_float_5_4_3" => self.pass_of::<f32>(&info.name, record)?,
+            "Tree_double_5_4_3" => self.pass_of::<f64>(&info.name, record)?,
+            "Tree_vec3i_5_4_3" => self.pass_of::<[i32; 3]>(&info.name, record)?,
+            "Tree_vec3s_5_4_3" => self.pass_of::<[f32; 3]>(&info.name, record)?,
+            "Tree_vec3d_5_4_3" => self.pass_of::<[f64; 3]>(&info.name, record)?,
             _ => return Ok(false),
         }
         Ok(true)
     }
 
-    fn pass_of<T: Stored>(&mut self, record: &Record) -> Result<(), VdbReadError> {
-        let (tree, layout) = topology::read::<T, R>(&mut self.cursor, record.flags, record.half)?;
+    fn pass_of<T: Stored>(&mut self, grid: &str, record: &Record) -> Result<(), VdbReadError> {
+        let allowance = Allowance { grid, limit: self.memory_limit };
+        let (tree, layout) = topology::read::<T, R>(&mut self.cursor, record.flags, record.half, allowance)?;
         leaves::skip(&mut self.cursor, &layout, &tree.leaves)
     }
 }

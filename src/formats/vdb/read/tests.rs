@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 
 use super::super::tests::{ALL, Brick, bricks, build, file, grid_header, is_on};
-use super::super::{Compression, Stats};
+use super::super::{Compression, Encoder, Stats, VdbGridBuilder};
 use super::*;
 
 pub(super) fn open(bytes: &[u8]) -> VdbFile<Cursor<&[u8]>> {
@@ -157,6 +157,58 @@ fn memory_is_limited_before_values_are_read() {
     let grid = |limit| open(&bytes).with_memory_limit(limit).grid("a");
     assert!(grid(needed).is_ok());
     assert!(matches!(grid(needed - 1), Err(VdbReadError::Memory { needed: n, .. }) if n == needed));
+}
+
+/// A file whose nodes take some twenty times as many bytes in memory: lower nodes of one value, all of it stored.
+fn nodes_that_compress_well(has_offsets: bool) -> Vec<u8> {
+    const LOWERS: usize = 1000;
+    let mut bytes = file(&[(&grid_header("a"), &VdbGridBuilder::new(Compression::Zip))]);
+    let topology = open(&bytes).records[0].topology;
+    bytes.truncate(usize::try_from(topology).expect("small"));
+    let encoder = Encoder::new(Compression::Zip);
+    let node = |children: &[u64], active: &[u64]| {
+        let mut node: Vec<u8> = [children, active].concat().into_iter().flat_map(u64::to_le_bytes).collect();
+        encoder.encode_block(active, &vec![1.0_f32; 64 * active.len()], &mut node);
+        node
+    };
+    let mut children = [0; 512];
+    children[..LOWERS / 64].fill(u64::MAX);
+    children[LOWERS / 64] = (1 << (LOWERS % 64)) - 1;
+    let (upper, lower) = (node(&children, &[0; 512]), node(&[0; 64], &[u64::MAX; 64]));
+    // Buffers, background, tiles and children of the root, the child's origin.
+    bytes.extend([1_u32, 0, 0, 1, 0, 0, 0].map(u32::to_le_bytes).as_flattened());
+    bytes.extend(upper);
+    bytes.extend(lower.repeat(LOWERS));
+    let offsets = find(&bytes, b"Tree_float_5_4_3")[0] + 20;
+    if has_offsets {
+        let end = bytes.len() as u64;
+        bytes[offsets + 16..offsets + 24].copy_from_slice(&end.to_le_bytes());
+    } else {
+        bytes[20] = 0;
+        bytes[offsets..offsets + 24].fill(0);
+    }
+    bytes
+}
+
+#[test]
+fn memory_is_limited_while_nodes_are_read() {
+    const LIMIT: u64 = 1 << 20;
+    // A lower node's values, masks and the rest of it.
+    const NODE: u64 = 4096 * 4 + 2048;
+    let bytes = nodes_that_compress_well(true);
+    assert!(float(&bytes, "a").memory_bytes() > 10 * bytes.len() as u64);
+    let check = |error: Option<VdbReadError>| match error {
+        Some(VdbReadError::Memory { grid, needed, limit: LIMIT }) => {
+            assert!(grid == "a" && (LIMIT..LIMIT + NODE).contains(&needed), "{needed}");
+        }
+        other => panic!("{other:?}"),
+    };
+    check(open(&bytes).with_memory_limit(LIMIT).grid("a").err());
+    let nothing = Part::around([]);
+    check(open(&bytes).with_memory_limit(LIMIT).grid_part("a", &nothing).err());
+    let bytes = nodes_that_compress_well(false);
+    assert!(VdbFile::open(Cursor::new(&bytes)).is_ok());
+    check(VdbFile::open_within(Cursor::new(&bytes), LIMIT).err());
 }
 
 #[test]

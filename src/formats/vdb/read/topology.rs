@@ -11,11 +11,30 @@ use crate::volume::shape::{LOG2_EDGE, align};
 use crate::volume::tree::{RootTile, child_origin};
 use crate::volume::{Leaf, Tree};
 
-/// Reads a tree without its leaves' values, and how those are stored.
+/// The bytes of memory that a grid may take.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Allowance<'a> {
+    pub(super) grid: &'a str,
+    pub(super) limit: u64,
+}
+
+impl Allowance<'_> {
+    pub(super) fn check(self, needed: u64) -> Result<(), VdbReadError> {
+        let Self { grid, limit } = self;
+        if needed > limit {
+            return Err(VdbReadError::Memory { grid: grid.to_owned(), needed, limit });
+        }
+        Ok(())
+    }
+}
+
+/// Reads a tree without its leaves' values, and how those are stored. Compressed nodes may take a hundred times as many
+/// bytes in memory as in the file, so what they take is checked after each of them.
 pub(super) fn read<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     flags: u32,
     half: bool,
+    allowance: Allowance<'_>,
 ) -> Result<(Tree<T>, Layout<T>), VdbReadError> {
     if cursor.number(i32::from_le_bytes)? != 1 {
         return Err(cursor.invalid("number of buffers"));
@@ -40,12 +59,18 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
         tree.root_tiles.push(tile);
     }
     let mut reader = Reader { cursor, layout, scratch: Scratch::default(), block: vec![], values: vec![] };
+    let mut taken = 0_u64;
     for _ in 0..children {
         let origin = root_origin(reader.cursor)?;
         let upper = reader.node(origin, 32768, tree.lowers.len())?;
+        taken = taken.saturating_add(upper.memory_bytes());
+        allowance.check(taken)?;
         for at in upper.children.ones() {
             let lower = reader.node(child_origin(origin, at, 2), 4096, tree.leaves.len())?;
-            reader.cursor.require_all(lower.children.count(), 64)?;
+            let leaves = lower.children.count();
+            reader.cursor.require_all(leaves, 64)?;
+            taken = taken.saturating_add(lower.memory_bytes() + (leaves * size_of::<Leaf>()) as u64);
+            allowance.check(taken)?;
             for at in lower.children.ones() {
                 let mut mask = [0; 8];
                 reader.cursor.mask(&mut mask)?;
@@ -127,12 +152,13 @@ fn sort<T: Stored>(tree: &mut Tree<T>) {
     }
     tree.uppers.sort_by_key(|upper| upper.origin);
     let (old_lowers, old_leaves) = (std::mem::take(&mut tree.lowers), std::mem::take(&mut tree.leaves));
+    // Nodes are moved, not copied: twice their memory may be more than is allowed.
+    let mut old_lowers: Vec<Option<Node<T>>> = old_lowers.into_iter().map(Some).collect();
     for upper in &mut tree.uppers {
-        let lowers = old_lowers.iter().skip(upper.first_child).take(upper.children.count());
+        let lowers = old_lowers.iter_mut().skip(upper.first_child).take(upper.children.count());
         upper.first_child = tree.lowers.len();
-        for lower in lowers {
+        for mut lower in lowers.filter_map(Option::take) {
             let leaves = old_leaves.iter().skip(lower.first_child).take(lower.children.count());
-            let mut lower = lower.clone();
             lower.first_child = tree.leaves.len();
             tree.leaves.extend(leaves);
             tree.lowers.push(lower);
