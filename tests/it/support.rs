@@ -111,8 +111,10 @@ pub(crate) fn rounded(scene: &Path, voxel_size: f64, form: [&str; 4]) -> Vec<Vox
 pub(crate) fn evaluated(scene: &Path, voxel_size: f64) -> Vec<Voxel> {
     let text = fs::read_to_string(scene).expect("a readable scene");
     let scene = Scene::parse(&text, &scene.to_string_lossy()).expect("a valid scene");
-    let field = Field::compile(&scene);
-    let plan = Plan::new(&field, Lattice { voxel_size }, 1 << 30).expect("a small bake");
+    let lattice = Lattice { voxel_size };
+    let mut field = Field::compile(&scene);
+    field.widen(lattice);
+    let plan = Plan::new(&field, lattice, 1 << 30).expect("a small bake");
     let mut store = Store::default();
     volume::bake(&field, &plan, scene.bake().cutoff, Level::best(), &mut store, |_| ())
         .expect("memory takes every brick");
