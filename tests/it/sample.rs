@@ -252,9 +252,15 @@ fn stored_values_are_those_that_openvdb_finds() {
         let values = points.as_flattened().iter().map(|c| f64::from(*c)).collect();
         let list = put_npy(&file.with_extension("npy"), Values::F64(values));
         let list = list.to_str().expect("UTF-8");
-        for (grid, expected) in probed.report["grids"].as_array().expect("grids").iter().zip(probed.grids) {
-            let name = grid["name"].as_str().expect("a name");
-            let file = file.to_str().expect("UTF-8");
+        let grids = probed.report["grids"].as_array().expect("grids");
+        for (number, (grid, expected)) in grids.iter().zip(probed.grids).enumerate() {
+            let of_name =
+                |grids: &[Value]| grids.iter().filter(|other| other["name"] == grid["name"]).count();
+            let mut name = grid["name"].as_str().expect("a name").to_owned();
+            if of_name(grids) > 1 {
+                name += &format!("[{}]", of_name(&grids[..number]));
+            }
+            let (name, file) = (name.as_str(), file.to_str().expect("UTF-8"));
             for filter in ["nearest", "trilinear", "cubic"] {
                 let arguments = [
                     file,
