@@ -1,7 +1,7 @@
 //! `[[tube.layer]]`: the terms of a tube's density.
 
 use super::error::Fault;
-use super::keys::WARP;
+use super::keys::{LAYER, WARP};
 use super::reader::{Reader, Words};
 use super::{Fbm, Form, Layer, Op, Pattern, Space, Warp, limit};
 
@@ -12,7 +12,7 @@ const LARGEST: f64 = 1e30;
 /// No Perlin noise of one octave exceeds this in magnitude, nor does any form of it.
 const PERLIN_BOUND: f64 = 1.04;
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 enum Noise {
     Perlin,
     Constant,
@@ -20,28 +20,20 @@ enum Noise {
 }
 
 impl Noise {
-    /// Name, and the keys that this noise takes besides those of every layer.
-    fn keys(self) -> (&'static str, &'static [&'static str]) {
+    fn name(self) -> &'static str {
         match self {
-            Noise::Perlin => (
-                "perlin",
-                &[
-                    "frequency",
-                    "octaves",
-                    "lacunarity",
-                    "gain",
-                    "normalise",
-                    "seed",
-                    "scroll",
-                    "form",
-                    "rotate",
-                    "warp",
-                    "space",
-                    "offset",
-                ],
-            ),
-            Noise::Constant => ("constant", &["value"]),
-            Noise::Sectors => ("sectors", &[]),
+            Noise::Perlin => "perlin",
+            Noise::Constant => "constant",
+            Noise::Sectors => "sectors",
+        }
+    }
+
+    /// The only noise that takes a key of a layer; `None` where all take it.
+    fn owner(key: &str) -> Option<Noise> {
+        match key {
+            "op" | "noise" | "threshold" | "multiplier" => None,
+            "value" => Some(Noise::Constant),
+            _ => Some(Noise::Perlin),
         }
     }
 }
@@ -110,13 +102,11 @@ fn layer(table: &Reader<'_>) -> Layer {
 
 /// Reports the keys that belong to other noises.
 fn report_strangers(table: &Reader<'_>, noise: Noise) {
-    let (name, own) = noise.keys();
-    for (owner, keys) in [Noise::Perlin, Noise::Constant, Noise::Sectors].map(Noise::keys) {
-        for key in keys.iter().filter(|key| !own.contains(key)) {
-            if let Some(span) = table.key_span(key) {
-                let fault = Fault::at(span, format!("key `{key}` does not belong to noise \"{name}\""));
-                table.report(fault.label(format!("only to \"{owner}\"")));
-            }
+    for key in LAYER.keys {
+        let (Some(owner), Some(span)) = (Noise::owner(key), table.key_span(key)) else { continue };
+        if owner != noise {
+            let title = format!("key `{key}` does not belong to noise \"{}\"", noise.name());
+            table.report(Fault::at(span, title).label(format!("only to \"{}\"", owner.name())));
         }
     }
 }

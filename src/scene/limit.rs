@@ -62,9 +62,9 @@ pub(crate) static HALF_SHARE: Limit = Limit {
     range: "a number above 0, at most 0.5",
 };
 
-/// Waves along a whole.
+/// Waves along a whole. Each is cut into spans of its own, so that a thousand take some ten seconds to set up.
 pub(crate) static WAVES: Limit =
-    Limit { low: 0.0, high: 1e4, noun: "a number from 0 to 10000", range: "a number from 0 to 10000" };
+    Limit { low: 0.0, high: 1e3, noun: "a number from 0 to 1000", range: "a number from 0 to 1000" };
 
 /// An exponent.
 pub(crate) static POWER: Limit =

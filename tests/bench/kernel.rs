@@ -7,14 +7,16 @@
 
 #![allow(clippy::print_stdout, reason = "a bench prints its figures")]
 
-use std::convert::Infallible;
+mod discard;
 
 use cpu_time::ThreadTime;
 use vdbake::field::{Field, Lattice};
 use vdbake::noise::Octave;
 use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::scene::Scene;
-use vdbake::volume::{Brick, Plan, RestMass, Sink, Tally, bake};
+use vdbake::volume::{Plan, RestMass, Tally, bake};
+
+use discard::Discard;
 
 const ROUNDS: usize = 7;
 const POINTS: usize = 2048;
@@ -69,20 +71,6 @@ fn main() {
             tally.bricks as f64 / plan.bricks() as f64,
             median(mass),
         );
-    }
-}
-
-/// A sink that keeps nothing, so that evaluation alone is timed.
-struct Discard;
-
-impl Sink for Discard {
-    type Run = ();
-    type Error = Infallible;
-    fn encode(&self, brick: &Brick, (): &mut ()) {
-        std::hint::black_box(brick);
-    }
-    fn append(&mut self, (): ()) -> Result<(), Infallible> {
-        Ok(())
     }
 }
 

@@ -6,14 +6,17 @@
 
 #![allow(clippy::print_stdout, reason = "a bench prints its figures")]
 
-use std::convert::Infallible;
+mod discard;
+
 use std::time::Duration;
 
 use cpu_time::ProcessTime;
 use vdbake::field::{Field, Lattice};
 use vdbake::num::Level;
 use vdbake::scene::Scene;
-use vdbake::volume::{Brick, Plan, Sink, bake};
+use vdbake::volume::{Plan, bake};
+
+use discard::Discard;
 
 fn main() {
     println!(
@@ -60,18 +63,4 @@ fn row(kind: &str, segments: u32) {
         each(baked - planned),
         (baked - planned).as_secs_f64() * 1e9 / tally.inside_voxels as f64,
     );
-}
-
-/// A sink that keeps nothing.
-struct Discard;
-
-impl Sink for Discard {
-    type Run = ();
-    type Error = Infallible;
-    fn encode(&self, brick: &Brick, (): &mut ()) {
-        std::hint::black_box(brick);
-    }
-    fn append(&mut self, (): ()) -> Result<(), Infallible> {
-        Ok(())
-    }
 }

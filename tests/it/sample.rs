@@ -116,6 +116,12 @@ fn succeed(folder: &Path, arguments: &[&str], input: &str) -> Output {
     output
 }
 
+/// The array that `vdbake sample` writes.
+fn sampled(folder: &Path, arguments: &[&str]) -> Array {
+    succeed(folder, &[arguments, &["-o", "found.npy", "--quiet"]].concat(), "");
+    get_npy(&folder.join("found.npy"))
+}
+
 /// The points and values of a table.
 fn table(text: &str) -> Vec<([f64; 3], f64)> {
     let mut lines = text.lines();
@@ -199,19 +205,10 @@ fn centres_of_voxels_have_stored_values() {
         put_npy(&folder.path().join("indices.npy"), Values::F64(indices));
         put_npy(&folder.path().join("centres.npy"), Values::F64(centres));
         for filter in ["nearest", "trilinear", "cubic"] {
-            let arguments = [
-                "baked.vdb",
-                "--points",
-                "indices.npy",
-                "--index",
-                "--filter",
-                filter,
-                "-o",
-                "found.npy",
-                "--quiet",
-            ];
-            succeed(folder.path(), &arguments, "");
-            let found = singles(get_npy(&folder.path().join("found.npy")));
+            let found = singles(sampled(
+                folder.path(),
+                &["baked.vdb", "--points", "indices.npy", "--index", "--filter", filter],
+            ));
             assert_eq!(found.len(), voxels.len());
             for (found, (index, expected)) in found.iter().zip(&voxels) {
                 assert_eq!(
@@ -222,10 +219,8 @@ fn centres_of_voxels_have_stored_values() {
                 );
             }
         }
-        let arguments =
-            ["baked.vdb", "--points", "centres.npy", "--filter", "nearest", "-o", "found.npy", "--quiet"];
-        succeed(folder.path(), &arguments, "");
-        let found = singles(get_npy(&folder.path().join("found.npy")));
+        let found =
+            singles(sampled(folder.path(), &["baked.vdb", "--points", "centres.npy", "--filter", "nearest"]));
         assert!(found.iter().zip(&voxels).all(|(found, voxel)| found.to_bits() == voxel.1.to_bits()));
     }
 }
@@ -262,21 +257,10 @@ fn stored_values_are_those_that_openvdb_finds() {
             }
             let (name, file) = (name.as_str(), file.to_str().expect("UTF-8"));
             for filter in ["nearest", "trilinear", "cubic"] {
-                let arguments = [
-                    file,
-                    "--grid",
-                    name,
-                    "--points",
-                    list,
-                    "--index",
-                    "--filter",
-                    filter,
-                    "-o",
-                    "found.npy",
-                    "--quiet",
-                ];
-                succeed(folder.path(), &arguments, "");
-                let array = get_npy(&path("found.npy"));
+                let array = sampled(
+                    folder.path(),
+                    &[file, "--grid", name, "--points", list, "--index", "--filter", filter],
+                );
                 let channels = if array.shape.len() == 2 { 3 } else { 1 };
                 let found: Vec<f64> = match array.values {
                     Values::F32(values) => values.into_iter().map(f64::from).collect(),

@@ -324,6 +324,15 @@ error: `amplitude` is larger than `mean`
   |                                                         ^^^ expected at most 0.1, so that no radius is below 0"#,
     );
     assert_radius(
+        "{ kind = \"sinusoidal\", mean = 0.1, waves = 1001 }",
+        r#"
+error: `waves` is out of range
+ --> scene.toml:3:53
+  |
+3 | radius = { kind = "sinusoidal", mean = 0.1, waves = 1001 }
+  |                                                     ^^^^ expected a number from 0 to 1000"#,
+    );
+    assert_radius(
         "{ kind = \"growing\", to = 0.1, waves = 2 }",
         r#"
 error: key `waves` does not belong to a growing radius
