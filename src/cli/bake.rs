@@ -73,6 +73,8 @@ struct Report {
     mass_ratio_error: Option<f64>,
     /// Part of the mass at rest that has no image.
     lost_mass: Option<f64>,
+    /// Part of it that is faded out beside the focal set.
+    faded_mass: Option<f64>,
     mass: Mass,
     /// What makes the ratio other than 1: for people.
     #[serde(skip)]
@@ -304,6 +306,7 @@ fn bake(
         mass_ratio: mass.ratio(),
         mass_ratio_error: mass.ratio_error(),
         lost_mass: mass.lost(),
+        faded_mass: mass.faded(),
         mass_notes: mass.notes(&job.scene),
         mass,
         left_out: job.field.left_out(job.lattice),

@@ -26,6 +26,9 @@ pub(super) struct Mass {
     /// Part of the mass at rest that has no image.
     #[serde(skip)]
     lost: f64,
+    /// Part of it that is faded out beside the focal set.
+    #[serde(skip)]
+    faded: f64,
     /// Points of the quadrature.
     points: u64,
 }
@@ -43,6 +46,7 @@ impl Mass {
             expected_error: part(rest.image_error, rest.image),
             round_caps: rest.caps,
             lost: part(rest.lost, rest.rest),
+            faded: part(rest.faded, rest.rest),
             points: rest.points,
         }
     }
@@ -60,6 +64,11 @@ impl Mass {
     /// Part of the mass at rest that has no image; `None` where there is none at rest.
     pub(super) fn lost(&self) -> Option<f64> {
         (self.rest > 0.0).then_some(self.lost)
+    }
+
+    /// Part of the mass at rest that is faded out beside the focal set; `None` where there is none at rest.
+    pub(super) fn faded(&self) -> Option<f64> {
+        (self.rest > 0.0).then_some(self.faded)
     }
 
     /// In one line.
@@ -108,6 +117,12 @@ impl Mass {
             notes.push(format!(
                 "{} of the mass at rest has no image: it lies past the focal set of a bend, or where a radius is 0",
                 percent(self.lost)
+            ));
+        }
+        if self.faded > 0.0 {
+            notes.push(format!(
+                "{} of the mass at rest is faded out beside that set, where space is squeezed to a fifth or less",
+                percent(self.faded)
             ));
         }
         notes

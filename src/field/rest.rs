@@ -83,6 +83,8 @@ pub struct Masses {
     pub rest: f64,
     /// The part of it that has no image.
     pub lost: f64,
+    /// The part of it that is faded out beside the focal set.
+    pub faded: f64,
     /// What the rest becomes, metres^3.
     pub image: f64,
     /// In half balls at round ends, metres^3.
@@ -94,6 +96,7 @@ impl Masses {
     pub fn add(&mut self, other: &Masses) {
         self.rest += other.rest;
         self.lost += other.lost;
+        self.faded += other.faded;
         self.image += other.image;
         self.caps += other.caps;
     }
@@ -174,11 +177,13 @@ impl Cylinders {
                 masses.lost += mass;
                 continue;
             }
-            if share > 0.0 {
-                masses.lost += mass * (0.5 - focal / share).clamp(0.0, 1.0);
-            }
+            let lost = if share > 0.0 { mass * (0.5 - focal / share).clamp(0.0, 1.0) } else { 0.0 };
+            masses.lost += lost;
             if focal > 0.0 {
+                masses.faded += mass * (1.0 - slice.kept(focal)) - lost;
                 masses.image += mass * slice.image(focal);
+            } else {
+                masses.faded += mass - lost;
             }
         }
         masses
@@ -200,12 +205,16 @@ impl Slice {
         [u * cos - v * sin, u * sin + v * cos]
     }
 
-    /// Mass of the image over that at rest, where `1 - kappa rho cos` is `focal`.
-    fn image(&self, focal: f64) -> f64 {
+    /// What the fade at the focal set, and the limit on what is gained there, leave where `1 - kappa rho cos` is `focal`.
+    fn kept(&self, focal: f64) -> f64 {
         let fade = if self.fades_at_focus { smoothstep(focal / 0.2) } else { 1.0 };
-        let kept =
-            if self.conserve == Conserve::Full { focal / focal.max(kernel::LEAST_NARROWING) } else { focal };
-        fade * kept * self.swell
+        if self.conserve == Conserve::Full { fade * focal / focal.max(kernel::LEAST_NARROWING) } else { fade }
+    }
+
+    /// Mass of the image over that at rest there.
+    fn image(&self, focal: f64) -> f64 {
+        let volume = if self.conserve == Conserve::Full { 1.0 } else { focal };
+        self.kept(focal) * volume * self.swell
     }
 }
 

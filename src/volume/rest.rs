@@ -25,6 +25,8 @@ pub struct RestMass {
     pub error: f64,
     /// The part of it that has no image, because it is past the focal set or because the tube has no radius.
     pub lost: f64,
+    /// The part of it that is faded out beside the focal set.
+    pub faded: f64,
     /// What the rest of it becomes when it is deformed, if no two feet meet.
     pub image: f64,
     /// Error of that.
@@ -61,6 +63,7 @@ impl RestMass {
         for [first, second] in &panels {
             total.rest += 0.5 * (first.rest + second.rest);
             total.lost += 0.5 * (first.lost + second.lost);
+            total.faded += 0.5 * (first.faded + second.faded);
             total.image += 0.5 * (first.image + second.image);
             errors[0].add(first.rest - second.rest);
             errors[1].add(first.image - second.image);

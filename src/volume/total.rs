@@ -44,15 +44,16 @@ impl Total {
         self.classes.iter().sum()
     }
 
-    /// Relative error of the sum as an integral: two standard deviations, if those of the coarser sums are
+    /// Relative error of the sum as an integral: four standard deviations, if those of the coarser sums are
     /// independent, as they are where a density ends in a jump. Of smooth densities they are not, and cancel: the
-    /// error is then much smaller.
+    /// error is then much smaller. Where a density peaks, as conserved density does at a focal set, all sums miss some of
+    /// the peak alike: there it was found up to 3.5 such deviations off.
     pub fn error(&self) -> f64 {
         #[allow(clippy::cast_precision_loss, reason = "27")]
         let count = CLASSES as f64;
         let mean = self.sum() / count;
         let squares: f64 = self.classes.iter().map(|class| (class - mean) * (class - mean)).sum();
-        if mean > 0.0 { 2.0 * (squares / (count - 1.0) / count).sqrt() / mean } else { 0.0 }
+        if mean > 0.0 { 4.0 * (squares / (count - 1.0) / count).sqrt() / mean } else { 0.0 }
     }
 }
 
@@ -103,7 +104,7 @@ mod tests {
         };
         // In y and z the classes have 3, 3 and 2 of 8 voxels: a variance of 2 (1/8)^2 / 8 relative to their mean.
         let flat = sum(&|_| 1.0);
-        let spread = |classes: f64| 2.0 * (classes / 26.0).sqrt();
+        let spread = |classes: f64| 4.0 * (classes / 26.0).sqrt();
         let of_ends = |a: f64| 1.0 + a;
         let end = 1.0 / 32.0;
         assert!((flat.error() - spread(of_ends(end) * of_ends(end) - 1.0)).abs() < 1e-12);

@@ -175,6 +175,7 @@ fn bake_reports_what_it_did() {
     // Density is conserved by nobody here, but volume is: the rest cylinder has the tube's own radius and length.
     assert!((ratio - 1.0).abs() < 0.05 && error > 0.0 && error < 0.1, "{ratio} +- {error}");
     assert_eq!(real(&report["lost_mass"]), 0.0);
+    assert_eq!(real(&report["faded_mass"]), 0.0);
     assert!((real(&report["mass"]["baked"]) / real(&report["mass"]["rest"]) - ratio).abs() < 1e-12);
     assert!(report["simd"].is_string() && report["left_out"].is_array());
     assert!(number(&report["active_voxels"]) > 1000);
@@ -198,7 +199,7 @@ fn an_empty_scene_has_no_mass() {
     let folder = Folder::new();
     folder.put("nothing.toml", "name = \"nothing\"\n");
     let report = folder.json(&["bake", "nothing.toml"]);
-    for key in ["mass_ratio", "mass_ratio_error", "lost_mass"] {
+    for key in ["mass_ratio", "mass_ratio_error", "lost_mass", "faded_mass"] {
         assert_eq!(report[key], Value::Null, "{key}");
     }
     assert_eq!(real(&report["mass"]["baked"]), 0.0);

@@ -383,6 +383,38 @@ fn lost_mass_is_that_beyond_the_focal_set() {
 }
 
 #[test]
+fn mass_at_rest_is_lost_or_faded_out_or_has_an_image() {
+    for radius in [0.5, 0.9, 1.0, 1.5_f64] {
+        // What smoothstep(0, 0.2, x) leaves of x / max(x, 0.05), x = 1 - radius u, over the disc's chords up to x = 0.
+        let width = 1.0 + (1.0 / radius).min(1.0);
+        let faded: f64 = gauss_legendre(200)
+            .into_iter()
+            .map(|[u, weight]| {
+                let u = width * u - 1.0;
+                let x = (1.0 - radius * u).max(0.0);
+                let t = (x / 0.2).clamp(0.0, 1.0);
+                let kept = t * t * (3.0 - 2.0 * t) * x / x.max(0.05);
+                let chord = weight * width * 2.0 / PI * (1.0 - u * u).sqrt();
+                chord * (1.0 - kept)
+            })
+            .sum();
+        let found = at_rest(
+            &scene(&format!(
+                "[[tube]]\n{}radius = {radius:?}\nconserve = \"full\"\nenvelope = {{ radial = \"hard\" }}\n",
+                arc()
+            )),
+            0.05,
+        );
+        let [lost, share, image] = [found.lost, found.faded, found.image].map(|part| part / found.rest);
+        show(&format!("{radius}: lost {lost:.5}, faded {share:.5} of {faded:.5}, image {image:.5}"));
+        // A point more or less on the far side of a line: there are some thousands to a disc.
+        assert!((share - faded).abs() < 1e-3, "{radius}: {share} of {faded}");
+        // Each point is parted among the three.
+        assert!((lost + share + image - 1.0).abs() < 1e-6, "{radius}");
+    }
+}
+
+#[test]
 fn thin_tubes_keep_their_mass() {
     let mut random = Random(4);
     for ratio in [0.1, 0.25, 0.5, 1.0] {
