@@ -1,6 +1,7 @@
 //! The room that a scene takes over all of its frames.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::Field;
 use crate::scene::{Scene, SceneErrors};
@@ -22,10 +23,14 @@ pub fn extent(scene: &Scene) -> Result<Option<[DVec3; 2]>, SceneErrors> {
     let time = scene.time();
     let last = if scene.is_moving() { time.end.unwrap_or(time.start) - time.start } else { 0 };
     let steps = last.min(FRAMES - 1);
-    let mut extent: Option<[DVec3; 2]> = None;
-    for step in 0..=steps {
+    let frames = (0..=steps).into_par_iter().map(|step| {
         let frame = time.start + if steps > 0 { (step * last + steps / 2) / steps } else { 0 };
-        if let Some([lo, hi]) = Field::compile(&scene.at(time.seconds(frame))?).bounds() {
+        Ok(Field::compile(&scene.at(time.seconds(frame))?).bounds())
+    });
+    let boxes: Vec<Result<_, SceneErrors>> = frames.collect();
+    let mut extent: Option<[DVec3; 2]> = None;
+    for found in boxes {
+        if let Some([lo, hi]) = found? {
             extent = Some(extent.map_or([lo, hi], |[a, b]| [a.min(lo), b.max(hi)]));
         }
     }

@@ -105,6 +105,7 @@
 //! re-centred on the block, so that single precision suffices wherever the block lies and however large the scene is.
 //! [`kernel`] then works through all voxels of the block.
 
+mod bounds;
 mod cover;
 mod detail;
 mod edges;
@@ -121,8 +122,6 @@ mod region;
 pub mod rest;
 mod span;
 mod tube;
-
-use glam::DVec3;
 
 pub use cover::Capsule;
 pub use extent::extent;
@@ -196,22 +195,5 @@ impl Field {
                 tube.widen(lattice.voxel_size);
             }
         }
-    }
-
-    /// Corners of the box around the density, in metres; `None` where there is none.
-    ///
-    /// It is the box of the discs of radius r across the axis, and of the balls at round ends, found by sampling: within
-    /// 1e-3 of a radius of the exact one.
-    pub fn bounds(&self) -> Option<[DVec3; 2]> {
-        let mut bounds: Option<[DVec3; 2]> = None;
-        for tube in &self.tubes {
-            if let Some([lo, hi]) = tube.bounds() {
-                bounds = Some(match bounds {
-                    None => [lo, hi],
-                    Some([a, b]) => [a.min(lo), b.max(hi)],
-                });
-            }
-        }
-        bounds
     }
 }

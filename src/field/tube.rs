@@ -119,45 +119,6 @@ impl Tube {
     pub(crate) fn height_rate(&self) -> f64 {
         if self.stretch { 1.0 / self.curve.length() } else { 1.0 }
     }
-
-    /// Corners of the box around the discs across the axis and the balls at round ends.
-    pub(crate) fn bounds(&self) -> Option<[DVec3; 2]> {
-        const STEPS: u32 = 64;
-        let mut bounds: Option<[DVec3; 2]> = None;
-        let mut include = |lo: DVec3, hi: DVec3| {
-            bounds = Some(bounds.map_or([lo, hi], |[a, b]| [a.min(lo), b.max(hi)]));
-        };
-        for (index, spans) in self.spans.iter().enumerate() {
-            let segment = &self.curve.segments()[index];
-            for span in spans {
-                for step in 0..=STEPS {
-                    let t = span.core[0] + (span.core[1] - span.core[0]) * f64::from(step) / f64::from(STEPS);
-                    let x = self.curve.arc_length(index, t) / self.curve.length();
-                    // Both sides of a jump.
-                    let radius = self.radius.range([x; 2])[1];
-                    if !self.radius.vanishes([x; 2]) {
-                        let tangent = segment.tangent(t);
-                        let reach = (DVec3::ONE - tangent * tangent).max(DVec3::ZERO);
-                        let reach = DVec3::new(reach.x.sqrt(), reach.y.sqrt(), reach.z.sqrt()) * radius;
-                        include(segment.at(t) - reach, segment.at(t) + reach);
-                    }
-                }
-            }
-        }
-        for point in &self.points {
-            let (centre, radius) = (point.section.centre, point.section.radius);
-            if let PointKind::End(outward) = point.kind {
-                // The half ball: its disc, and the ball where it bulges outward.
-                let bulge = |axis: DVec3| if outward.dot(axis) > 0.0 { radius } else { 0.0 };
-                let reach = DVec3::new(bulge(DVec3::X), bulge(DVec3::Y), bulge(DVec3::Z));
-                let back = DVec3::new(bulge(-DVec3::X), bulge(-DVec3::Y), bulge(-DVec3::Z));
-                include(centre - back, centre + reach);
-            } else {
-                include(centre - DVec3::splat(radius), centre + DVec3::splat(radius));
-            }
-        }
-        bounds
-    }
 }
 
 /// Whether the pattern looks the same from all sides of the axis.
