@@ -6,6 +6,7 @@
 mod bake;
 mod failure;
 mod frames;
+mod grids;
 mod info;
 mod interrupt;
 mod job;
@@ -17,6 +18,7 @@ mod plan;
 mod progress;
 mod recipe;
 mod sample;
+mod slice;
 mod text;
 
 use std::io::{self, BufWriter, Write};
@@ -60,6 +62,8 @@ enum Command {
     Plan(plan::Arguments),
     /// Tell the values of a scene or an OpenVDB file at given points
     Sample(sample::Arguments),
+    /// Write slices of a scene or an OpenVDB file as EXR or PNG images
+    Slice(slice::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
 }
@@ -76,6 +80,7 @@ impl Cli {
             Command::Bake(arguments) => bake::run(arguments, &self.global),
             Command::Plan(arguments) => plan::run(arguments, &self.global),
             Command::Sample(arguments) => sample::run(arguments, &self.global),
+            Command::Slice(arguments) => slice::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
         }
     }

@@ -20,6 +20,7 @@ mod precision;
 mod rest;
 mod sample;
 pub(crate) mod shape;
+mod slice;
 mod store;
 #[cfg(test)]
 mod testing;
@@ -39,6 +40,7 @@ pub use precision::{LARGEST_F16, Precision, Rounded};
 pub use rest::RestMass;
 pub use sample::{Filter, Sampled, Sampler, Wide, is_indexed, sample_at};
 pub use shape::{Leaf, Stats, Tile};
+pub use slice::{Axis, Slicing};
 pub use store::Store;
 pub use total::Total;
 pub use transform::WorldToIndex;

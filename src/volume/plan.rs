@@ -238,18 +238,30 @@ impl Plan {
     /// A plan of `count` of these bricks, or of all if there are fewer, spread evenly over their order.
     pub fn sample(&self, count: usize) -> Plan {
         let count = count.min(self.bricks());
-        let mut sample =
+        // The middle of the brick's share of the order.
+        self.part((0..count).map(|number| (2 * number + 1) * self.bricks() / (2 * count)))
+    }
+
+    /// These bricks of the plan.
+    fn part(&self, bricks: impl Iterator<Item = usize>) -> Plan {
+        let mut part =
             Plan { cover: self.cover.clone(), bricks: vec![], candidates: vec![], edges: vec![], ..*self };
-        for number in 0..count {
-            // The middle of the brick's share of the order.
-            let index = (2 * number + 1) * self.bricks() / (2 * count);
+        for index in bricks {
             let first =
-                u32::try_from(sample.candidates.len()).expect("no more candidates than in the whole plan");
-            sample.bricks.push(Planned { block: self.bricks[index].block, first });
-            sample.candidates.extend_from_slice(self.candidates(index));
-            sample.edges.extend(self.edges.get(index));
+                u32::try_from(part.candidates.len()).expect("no more candidates than in the whole plan");
+            part.bricks.push(Planned { block: self.bricks[index].block, first });
+            part.candidates.extend_from_slice(self.candidates(index));
+            part.edges.extend(self.edges.get(index));
         }
-        sample
+        part
+    }
+
+    /// The part of the plan whose bricks lie between two voxels along an axis, both included.
+    pub fn slab(&self, axis: usize, voxels: [i32; 2]) -> Plan {
+        let [first, last] = voxels.map(|voxel| voxel.div_euclid(8));
+        self.part(
+            (0..self.bricks()).filter(|index| (first..=last).contains(&self.bricks[*index].block[axis])),
+        )
     }
 
     /// Bytes that the plan holds.

@@ -28,6 +28,7 @@ mod same_bytes;
 mod sample;
 mod sequence;
 mod shapes;
+mod slice;
 mod support;
 mod vdb_rs;
 mod writer;

@@ -136,6 +136,29 @@ fn run(command: &mut Command) -> Result<Output, String> {
     if output.status.success() { Ok(output) } else { Err(stderr(&output)) }
 }
 
+/// What OpenImageIO finds in an image: its parts, and the pixels of each.
+pub(crate) fn exr_dump(file: &Path) -> (Value, Vec<Vec<f32>>) {
+    let values = file.with_extension("values");
+    let mut command = judge("VDBAKE_BPY_PYTHON");
+    let command = script(&mut command, "exr_dump.py").arg(file).arg("--values").arg(&values);
+    let output = run(command).unwrap_or_else(|error| panic!("{error}"));
+    let report: Value =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", stdout(&output)));
+    let bytes = fs::read(values).expect("the pixels that the script wrote");
+    let (words, rest) = bytes.as_chunks::<4>();
+    assert!(rest.is_empty());
+    let mut words = words.iter().map(|word| f32::from_le_bytes(*word));
+    let mut pixels = Vec::new();
+    for part in report["parts"].as_array().expect("parts") {
+        let size =
+            |axis: usize| usize::try_from(part["size"][axis].as_u64().expect("a size")).expect("small");
+        let channels = part["channels"].as_array().expect("channels").len();
+        pixels.push(words.by_ref().take(size(0) * size(1) * channels).collect());
+    }
+    assert_eq!(words.next(), None);
+    (report, pixels)
+}
+
 fn verdict(command: &mut Command, file: &Path) -> Result<Verdict, String> {
     let values = file.with_extension("values");
     let output = run(command.arg(file).arg("--values").arg(&values))?;

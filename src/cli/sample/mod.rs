@@ -1,6 +1,5 @@
 //! `vdbake sample`: values at points.
 
-mod choice;
 mod points;
 mod values;
 
@@ -12,6 +11,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 use serde::Serialize;
 
+use super::grids::{Choice, choose};
 use super::interrupt::{Interrupt, Watched};
 use super::job::{Compiled, SceneOptions, Source};
 use super::output::Output;
@@ -21,7 +21,6 @@ use crate::formats::vdb::{PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::reference::Reference;
 use crate::volume::{self, Filter, Part, PlanError, WorldToIndex};
-use choice::{Choice, choose};
 use values::Samples;
 
 /// Bytes of a grid that are read in the time that it takes to find out where a point's voxels are, about.

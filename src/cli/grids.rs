@@ -1,9 +1,9 @@
-//! Which of a file's grids to sample.
+//! Which of a file's grids is meant.
 
 use crate::cli::{Failure, text};
 use crate::formats::vdb::{FileInfo, VdbReadError};
 
-/// The grid to sample.
+/// A grid of a file.
 pub(super) struct Choice {
     /// In the order of the file.
     pub(super) number: usize,

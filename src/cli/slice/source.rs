@@ -1,0 +1,231 @@
+//! Where slices come from: a scene, baked layer by layer of bricks, or a file's grid.
+
+use std::fs::File;
+use std::ops::Range;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::Arguments;
+use crate::cli::grids::{Choice, choose};
+use crate::cli::job::{Compiled, Source};
+use crate::cli::{Failure, text};
+use crate::field::Field;
+use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
+use crate::num::Level;
+use crate::volume::{self, Axis, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store};
+
+/// The values of a plane, in rows from the top.
+pub(super) enum Plane {
+    Numbers(Vec<f32>),
+    Vectors([Vec<f32>; 3]),
+}
+
+/// What is sliced.
+pub(super) struct Sliced {
+    pub(super) slicing: Slicing,
+    /// Whether there is nothing; then it is of one voxel, since no image is of none.
+    pub(super) is_empty: bool,
+    pub(super) grid: String,
+    /// Rows of A in `world = A (i, j, k, 1)`, where the integer point (i, j, k) is a voxel's centre.
+    pub(super) index_to_world: Option<[[f64; 4]; 3]>,
+    /// Whether values are stored as 16-bit floats.
+    pub(super) half: bool,
+    /// Whether values are vectors.
+    pub(super) is_vector: bool,
+    /// Seconds after the start frame, of scenes.
+    pub(super) time: Option<f64>,
+    values: Values,
+}
+
+enum Values {
+    Scene { field: Box<Field>, plan: Box<Plan>, cutoff: f64 },
+    Whole(AnyPartialTree),
+    File { file: Box<VdbFile<File>>, number: usize },
+}
+
+impl Sliced {
+    /// A scene.
+    pub(super) fn of_scene(arguments: &Arguments) -> Result<Sliced, Failure> {
+        let options = &arguments.scene;
+        let Compiled { scene, field, lattice, time, .. } =
+            Source::read(&arguments.file, options)?.compile(options.time())?;
+        let h = lattice.voxel_size;
+        let plan = Plan::new(&field, lattice, options.budget().bytes()).map_err(unplanned)?;
+        #[allow(clippy::cast_possible_truncation, reason = "the plan has checked that indices fit")]
+        let bounds = field.bounds().map(|[lo, hi]| {
+            let (first, last) = ((lo / h).floor(), (hi / h).ceil() - 1.0);
+            [first, last.max(first)].map(|corner| corner.to_array().map(|i| i as i32))
+        });
+        Ok(Sliced {
+            slicing: slicing(arguments, bounds),
+            is_empty: bounds.is_none(),
+            grid: "density".to_owned(),
+            index_to_world: Some([[h, 0.0, 0.0, 0.5 * h], [0.0, h, 0.0, 0.5 * h], [0.0, 0.0, h, 0.5 * h]]),
+            half: false,
+            is_vector: false,
+            time: Some(time),
+            values: Values::Scene {
+                field: Box::new(field),
+                plan: Box::new(plan),
+                cutoff: scene.bake().cutoff,
+            },
+        })
+    }
+
+    /// A grid of a file.
+    pub(super) fn of_file(arguments: &Arguments) -> Result<Sliced, Failure> {
+        let (path, budget) = (&arguments.file, arguments.scene.budget().bytes());
+        let failed = |error: VdbReadError| unread(path, error);
+        let file = File::open(path)
+            .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;
+        let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
+        let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
+        // Its nodes alone, to know its box.
+        let PartialGrid { info, tree } = file.grid_part_at(number, &Part::around([])).map_err(failed)?;
+        let (stats, is_vector) = (stats(&tree), is_vector(&tree));
+        let values = if stats.memory_bytes < budget / 2 {
+            drop(tree);
+            let whole: AnyTree = file.grid_at(number).map_err(failed)?.tree;
+            Values::Whole(whole.into())
+        } else {
+            Values::File { file: Box::new(file), number }
+        };
+        Ok(Sliced {
+            slicing: slicing(arguments, stats.bounds),
+            is_empty: stats.bounds.is_none(),
+            grid: label,
+            index_to_world: info.map.matrix,
+            half: info.half,
+            is_vector,
+            time: None,
+            values,
+        })
+    }
+
+    /// Planes of one layer of leaves.
+    pub(super) fn planes(
+        &mut self,
+        slicing: &Slicing,
+        planes: &Range<usize>,
+        path: &Path,
+    ) -> Result<Vec<Plane>, Failure> {
+        match &mut self.values {
+            Values::Scene { field, plan, cutoff } => {
+                let ends = [slicing.index(planes.start), slicing.index(planes.end - 1)];
+                let slab = plan.slab(slicing.axis().number(), ends);
+                let mut store = Store::default();
+                let Ok(_) = volume::bake(field, &slab, *cutoff, Level::best(), &mut store, |_| {});
+                let plane = |plane| Plane::Numbers(slicing.of_bricks(store.bricks(), plane));
+                Ok(planes.clone().into_par_iter().map(plane).collect())
+            }
+            Values::Whole(tree) => of_tree(tree, slicing, planes),
+            Values::File { file, number } => {
+                let part = file.grid_part_at(*number, &slicing.part(planes));
+                of_tree(&part.map_err(|error| unread(path, error))?.tree, slicing, planes)
+            }
+        }
+    }
+}
+
+/// Of a box, or of one voxel where there is none.
+fn slicing(arguments: &Arguments, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
+    let axis = arguments.axis.into();
+    bounds.and_then(|bounds| Slicing::new(axis, bounds)).unwrap_or_else(|| Slicing::of_voxel(axis, [0; 3]))
+}
+
+fn unread(path: &Path, error: VdbReadError) -> Failure {
+    Failure::input(format!("cannot read {}", path.display())).because(error)
+}
+
+fn unplanned(error: PlanError) -> Failure {
+    Failure::failed(error.to_string()).hint("take a larger --voxel-size, or allow more with --memory")
+}
+
+/// Evaluates an expression for a tree of any type.
+macro_rules! any {
+    ($any:expr, $tree:ident => $numbers:expr, $vectors:expr) => {
+        match $any {
+            AnyPartialTree::Bool($tree) => $numbers,
+            AnyPartialTree::Int32($tree) => $numbers,
+            AnyPartialTree::Int64($tree) => $numbers,
+            AnyPartialTree::Float($tree) => $numbers,
+            AnyPartialTree::Double($tree) => $numbers,
+            AnyPartialTree::Vec3i($tree) => $vectors,
+            AnyPartialTree::Vec3s($tree) => $vectors,
+            AnyPartialTree::Vec3d($tree) => $vectors,
+        }
+    };
+}
+
+fn stats(tree: &AnyPartialTree) -> volume::Stats {
+    any!(tree, tree => tree.stats(), tree.stats())
+}
+
+fn is_vector(tree: &AnyPartialTree) -> bool {
+    any!(tree, _tree => false, true)
+}
+
+fn of_tree(tree: &AnyPartialTree, slicing: &Slicing, planes: &Range<usize>) -> Result<Vec<Plane>, Failure> {
+    let plane = |plane| any!(tree, tree => numbers(tree, slicing, plane), vectors(tree, slicing, plane));
+    let planes: Result<Vec<Plane>, volume::NotRead> = planes.clone().into_par_iter().map(plane).collect();
+    planes.map_err(|error| Failure::failed("cannot slice the grid").because(error))
+}
+
+fn numbers<T: Sampled<Wide = f64>>(
+    tree: &PartialTree<T>,
+    slicing: &Slicing,
+    plane: usize,
+) -> Result<Plane, volume::NotRead> {
+    let values = slicing.of_tree(tree, plane)?;
+    Ok(Plane::Numbers(values.into_iter().map(|value| single(value.wide())).collect()))
+}
+
+fn vectors<T: Sampled<Wide = [f64; 3]>>(
+    tree: &PartialTree<T>,
+    slicing: &Slicing,
+    plane: usize,
+) -> Result<Plane, volume::NotRead> {
+    let values = slicing.of_tree(tree, plane)?;
+    let part = |axis: usize| values.iter().map(|value| single(value.wide()[axis])).collect();
+    Ok(Plane::Vectors([part(0), part(1), part(2)]))
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "to the nearest that the image can hold")]
+fn single(value: f64) -> f32 {
+    value as f32
+}
+
+/// Axes as they are named on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum AxisName {
+    /// Planes of y and z
+    X,
+    /// Planes of x and z, as seen along +y
+    Y,
+    /// Planes of x and y, as seen from above
+    Z,
+}
+
+impl From<AxisName> for Axis {
+    fn from(name: AxisName) -> Axis {
+        match name {
+            AxisName::X => Axis::X,
+            AxisName::Y => Axis::Y,
+            AxisName::Z => Axis::Z,
+        }
+    }
+}
+
+impl AxisName {
+    pub(super) fn name(self) -> &'static str {
+        ["x", "y", "z"][Axis::from(self).number()]
+    }
+}
+
+/// In words, for messages.
+pub(super) fn too_much(bytes: u64) -> Failure {
+    Failure::failed(format!("{} of pixels do not fit the memory", text::bytes(bytes))).hint(
+        "write one file for each slice, -o NAME.####.exr, fewer with --planes, or allow more with --memory",
+    )
+}
