@@ -135,7 +135,10 @@ impl Pattern {
             let stem = stem.trim_end_matches('.');
             let example = path.with_file_name(format!("{stem}.####.vdb"));
             Err(Failure::usage(format!("the output {} has {what} for the frame's number", path.display()))
-                .hint(format!("-o {}", example.display())))
+                .hint(format!(
+                    "one run of #, one for each digit, in the file's name: -o {}",
+                    example.display()
+                )))
         };
         let Some(name) = path.file_name().and_then(|name| name.to_str()) else {
             return fail("no place");
@@ -220,6 +223,14 @@ mod tests {
         for wrong in ["a.vdb", "#/a.vdb", "a#.##.vdb", ".."] {
             assert!(Pattern::new(Path::new(wrong)).is_err(), "{wrong}");
         }
+        let mut message = vec![];
+        let failure = Pattern::new(Path::new("out/a##b##.vdb")).expect_err("two places");
+        failure.report(&mut message).expect("written");
+        assert_eq!(
+            String::from_utf8_lossy(&message),
+            "error: the output out/a##b##.vdb has more than one place for the frame's number\n\
+             hint: one run of #, one for each digit, in the file's name: -o out/ab.####.vdb\n"
+        );
     }
 
     #[test]

@@ -138,8 +138,7 @@ impl Points<'_> {
     }
 
     /// A fault of their number.
-    fn miscounted(&self, title: String, expected: &str) -> Fault {
-        let found = self.points.len();
+    fn miscounted(&self, title: String, found: usize, expected: &str) -> Fault {
         let label = match &self.file {
             Some((path, _)) => format!("expected {expected}, found {found} in {path}"),
             None => format!("expected {expected}, found {found}"),
@@ -285,9 +284,9 @@ fn check_count(points: &Points<'_>, kind: Kind, step: usize, closed: bool) -> Op
             format!("a {name} chain of n segments has {step} n + 1 points: each starts where the last ended");
         (needed, note)
     };
-    points
-        .item
-        .report(points.miscounted(format!("wrong number of points for a {name} curve"), &needed).note(note));
+    points.item.report(
+        points.miscounted(format!("wrong number of points for a {name} curve"), count, &needed).note(note),
+    );
     None
 }
 
@@ -295,9 +294,11 @@ fn check_count(points: &Points<'_>, kind: Kind, step: usize, closed: bool) -> Op
 fn spline(points: &Points<'_>, kind: Kind, alpha: f64, closed: bool) -> Option<Vec<Segment>> {
     let mut all = points.points.as_slice();
     // The first point may be given again to close the curve, as for chains.
+    let mut given_again = false;
     if let (true, [first, .., last]) = (closed, all)
         && coincide(*first, *last)
     {
+        given_again = true;
         all = &all[..all.len() - 1];
     }
     let segments = match kind {
@@ -308,10 +309,13 @@ fn spline(points: &Points<'_>, kind: Kind, alpha: f64, closed: bool) -> Option<V
     let report = |error| match error {
         SplineError::TooFew { least, .. } => {
             let closed = if closed { "closed " } else { "" };
-            points.miscounted(
-                format!("wrong number of points for a {closed}{name} curve"),
-                &format!("at least {least}"),
-            )
+            let title = format!("wrong number of points for a {closed}{name} curve");
+            let fault = points.miscounted(title, all.len(), &format!("at least {least}"));
+            if given_again {
+                fault.note("the last point is the first again, which counts once: leave it out")
+            } else {
+                fault
+            }
         }
         SplineError::Coincident { point } => points.fault(
             point..point + 1,

@@ -53,19 +53,26 @@ pub(super) fn radius(item: Item<'_>, closed: bool, inputs: &Inputs<'_>) -> Optio
     let keys: Vec<_> = items.iter().map(key).collect();
     let keys: Vec<_> = keys.into_iter().collect::<Option<_>>()?;
     let place = |key: usize| (items.get(key).unwrap_or(&item).span(), String::new());
-    Some(keyed(&keys, closed, &item, place)?.into())
+    Some(keyed(&keys, closed, &item, None, place)?.into())
 }
 
-/// A profile through keys, the place of each of which is a span and what comes before its message.
+/// A profile through keys, the place of each of which is a span and what comes before its message; `file` is where they are
+/// from, if not from the scene.
 fn keyed(
     keys: &[(f64, f64)],
     closed: bool,
     item: &Item<'_>,
+    file: Option<&str>,
     place: impl Fn(usize) -> (std::ops::Range<usize>, String),
 ) -> Option<Profile> {
     if !keys.iter().any(|(_, r)| limit::POSITIVE.admits(*r)) {
         let title = if keys.is_empty() { "`radius` has no keys" } else { "`radius` is 0 everywhere" };
-        item.report(Fault::at(item.span(), title).label(format!("expected {EXPECTED}")));
+        let label = match file {
+            None => format!("expected {EXPECTED}"),
+            Some(path) if keys.is_empty() => format!("expected keys, l,radius a line, found none in {path}"),
+            Some(path) => format!("expected a radius above 0 in {path}"),
+        };
+        item.report(Fault::at(item.span(), title).label(label));
         return None;
     }
     let profile = if closed { Profile::keyed_closed(keys) } else { Profile::keyed(keys) };
@@ -224,6 +231,6 @@ fn from_file(item: &Item<'_>, closed: bool, inputs: &Inputs<'_>) -> Option<Radiu
         let line = rows.get(key).map_or(1, |(line, _)| *line);
         (item.span(), format!("{path}, line {line}: "))
     };
-    let profile = keyed(&keys, closed, item, place)?;
+    let profile = keyed(&keys, closed, item, Some(path), place)?;
     Some(Radius { profile, sampling_error: sampling_error(&keys, closed) })
 }

@@ -562,3 +562,23 @@ fn scenes_of_the_project_can_be_planned() {
         assert!(number(&plan["estimated"]["active_voxels"]) > 0, "{}", path.display());
     }
 }
+
+#[test]
+fn info_shows_what_comes_before_the_end_of_a_cut_file() {
+    let folder = Folder::new();
+    folder.json(&["bake", "bent.toml"]);
+    let bytes = fs::read(folder.path("bent.vdb")).expect("the file");
+    folder.put("cut.vdb", &bytes[..bytes.len() - 100]);
+    let output = folder.run(&["info", "cut.vdb"]);
+    assert_eq!(code(&output), 3);
+    let shown = text(&output);
+    assert!(shown.contains("grid \"density\", cut short") && shown.contains("voxel size"), "{shown}");
+    let message = errors(&output);
+    assert!(message.starts_with("error: cannot read cut.vdb to its end: truncated VDB file: "), "{message}");
+    let output = folder.run(&["info", "cut.vdb", "--json"]);
+    assert_eq!(code(&output), 3);
+    let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!((&report["grids"][0]["whole"], &report["out_of_reach"]), (&false.into(), &0.into()));
+    assert!(report["error"].as_str().is_some_and(|error| error.contains("beyond the end")), "{report}");
+    assert_eq!(folder.json(&["info", "bent.vdb"])["error"], Value::Null);
+}

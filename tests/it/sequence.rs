@@ -187,8 +187,14 @@ fn the_command_line_is_checked_first() {
     let folder = folder();
     folder.put("open.toml", SCENE.replace("end = 20\n", ""));
     for (arguments, hint) in [
-        (&["bake", "sway.toml", "--frames", "1-2", "-o", "out.vdb"][..], "hint: -o out.####.vdb\n"),
-        (&["bake", "sway.toml", "--frames", "1-2", "-o", "a#/o#.#.vdb"], "hint: -o a#/o.####.vdb\n"),
+        (
+            &["bake", "sway.toml", "--frames", "1-2", "-o", "out.vdb"][..],
+            "in the file's name: -o out.####.vdb\n",
+        ),
+        (
+            &["bake", "sway.toml", "--frames", "1-2", "-o", "a#/o#.#.vdb"],
+            "in the file's name: -o a#/o.####.vdb\n",
+        ),
         (&["bake", "sway.toml", "--frames", "1-2", "-o", "out.####.exr"], "does not end in .vdb"),
         (&["bake", "sway.toml", "--frames", "1-2", "--time", "1"], "cannot be used with"),
         (&["bake", "sway.toml", "--frames", "2-1"], "2-1 ends before it begins"),

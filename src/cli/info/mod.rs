@@ -22,7 +22,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let path = &arguments.file;
     if is_vdb(path)? {
-        return global.show(&vdb::read(path)?, vdb::human);
+        let (report, failure) = vdb::read(path)?;
+        global.show(&report, vdb::human)?;
+        return failure.map_or(Ok(()), Err);
     }
     let scene = job::read_scene(path)?;
     global.warn_of(scene.warnings());

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::cli::memory::Amount;
 use crate::cli::{Failure, text};
-use crate::formats::vdb::{GridInfo, Meta, Metadata, VdbFile};
+use crate::formats::vdb::{GridInfo, Meta, Metadata, list_grids};
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -22,13 +22,17 @@ pub(super) struct Report {
     uuid: String,
     metadata: BTreeMap<String, Value>,
     grids: Vec<Grid>,
-    /// Grids that the file has besides, behind one that cannot be passed.
+    /// Grids that the file has besides, behind one that cannot be passed or where the file breaks off.
     out_of_reach: usize,
+    /// Why the file cannot be read to its end.
+    error: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
 struct Grid {
     name: String,
+    /// Whether all of it is in the file.
+    whole: bool,
     #[serde(rename = "type")]
     type_name: String,
     /// Whether values are stored as binary16.
@@ -41,6 +45,8 @@ struct Grid {
     voxel_size: Option<[f64; 3]>,
     /// World position of index (0, 0, 0) in metres.
     translation: Option<[f64; 3]>,
+    /// Rows of A in `world = A (i, j, k, 1)`; null for maps that are not affine.
+    matrix: Option<[[f64; 4]; 3]>,
     active_voxels: Option<i64>,
     /// Smallest and largest index of an active voxel.
     bbox: Option<[[i32; 3]; 2]>,
@@ -113,8 +119,8 @@ fn list<T>(items: &[T], text: impl Fn(&T) -> String) -> String {
     format!("({})", items.join(", "))
 }
 
-/// Reads the file's headers.
-pub(super) fn read(path: &Path) -> Result<Report, Failure> {
+/// Reads the file's headers; of a file that breaks off, those before that, and the failure.
+pub(super) fn read(path: &Path) -> Result<(Report, Option<Failure>), Failure> {
     let name = path.display().to_string();
     let file =
         File::open(path).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
@@ -125,10 +131,13 @@ pub(super) fn read(path: &Path) -> Result<Report, Failure> {
         return Err(Failure::input(format!("{name} is empty")));
     }
     // A file without offsets is read through, which takes memory for one grid's nodes after the other.
-    let file = VdbFile::open_within(file, Amount::installed().bytes())
+    let listing = list_grids(file, Amount::installed().bytes())
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
-    let info = file.info();
-    Ok(Report {
+    let info = &listing.info;
+    let error = listing.error.as_ref().map(ToString::to_string);
+    let failure =
+        listing.error.map(|error| Failure::input(format!("cannot read {name} to its end")).because(error));
+    let report = Report {
         kind: "vdb",
         file: name,
         bytes,
@@ -136,16 +145,18 @@ pub(super) fn read(path: &Path) -> Result<Report, Failure> {
         library: format!("{}.{}", info.library[0], info.library[1]),
         uuid: info.uuid.clone(),
         metadata: values(&info.metadata),
-        grids: info.grids.iter().map(grid).collect(),
+        grids: (0..).zip(&info.grids).map(|(number, info)| grid(info, number < listing.whole)).collect(),
         out_of_reach: info.out_of_reach,
-    })
+        error,
+    };
+    Ok((report, failure))
 }
 
 fn values(metadata: &Metadata) -> BTreeMap<String, Value> {
     metadata.iter().map(|(name, meta)| (name.clone(), meta.into())).collect()
 }
 
-fn grid(info: &GridInfo) -> Grid {
+fn grid(info: &GridInfo, whole: bool) -> Grid {
     let entry = |name| info.metadata.get(name);
     let corner = |name| match entry(name) {
         Some(Meta::Vec3i(corner)) => Some(*corner),
@@ -153,6 +164,7 @@ fn grid(info: &GridInfo) -> Grid {
     };
     Grid {
         name: info.name.clone(),
+        whole,
         type_name: info.type_name.clone(),
         half: info.half,
         class: match entry("class") {
@@ -164,6 +176,7 @@ fn grid(info: &GridInfo) -> Grid {
         map: info.map.type_name.clone(),
         voxel_size: info.map.matrix.map(|rows| [0, 1, 2].map(|column| length(rows.map(|row| row[column])))),
         translation: info.map.matrix.map(|rows| rows.map(|row| row[3])),
+        matrix: info.map.matrix,
         active_voxels: match entry("file_voxel_count") {
             Some(Meta::Int64(count)) => Some(*count),
             _ => None,
@@ -182,6 +195,13 @@ fn length([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
+/// Whether a map scales and moves only, so that the size of a voxel and the place of the first tell all.
+fn is_plain(rows: &[[f64; 4]; 3]) -> bool {
+    (0..3).all(|row| {
+        (0..3).all(|column| if row == column { rows[row][row] > 0.0 } else { rows[row][column] == 0.0 })
+    })
+}
+
 /// For people.
 pub(super) fn human(report: &Report) -> String {
     let mut table = text::Table::default();
@@ -195,10 +215,12 @@ pub(super) fn human(report: &Report) -> String {
         describe(grid, &mut table);
     }
     if report.out_of_reach > 0 {
-        table.heading(format!(
-            "out of reach: {}, behind one that is not supported, in a file without offsets",
-            text::number(report.out_of_reach as u64, "grid"),
-        ));
+        let grids = text::number(report.out_of_reach as u64, "grid");
+        let why = match report.error {
+            Some(_) => "where the file cannot be read",
+            None => "behind one that is not supported, in a file without offsets",
+        };
+        table.heading(format!("out of reach: {grids}, {why}"));
     }
     table.finish()
 }
@@ -217,7 +239,8 @@ const TOLD: [&str; 7] = [
 fn describe(grid: &Grid, table: &mut text::Table) {
     let or_unknown = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
     let half = if grid.half { ", stored as 16-bit floats" } else { "" };
-    table.heading(format!("grid \"{}\"", text::tidy(&grid.name)));
+    let cut = if grid.whole { "" } else { ", cut short" };
+    table.heading(format!("grid \"{}\"{cut}", text::tidy(&grid.name)));
     table.row("type", format!("{}{half}", text::tidy(&grid.type_name)));
     table.row("class", or_unknown(grid.class.as_deref().map(text::tidy)));
     if let Some(other) = &grid.instance_of {
@@ -233,6 +256,9 @@ fn describe(grid: &Grid, table: &mut text::Table) {
     });
     table.row("voxel size", size.unwrap_or_else(|| format!("none, by a {}", text::tidy(&grid.map))));
     table.row("translation", or_unknown(grid.translation.map(|at| format!("{} m", text::vector(at)))));
+    if let Some(rows) = grid.matrix.filter(|rows| !is_plain(rows)) {
+        table.rows("matrix", &rows.map(|row| list(&row, |number| text::short(*number))), "none");
+    }
     let active = grid.active_voxels.map(|n| u64::try_from(n).map_or_else(|_| n.to_string(), text::count));
     table.row("active voxels", or_unknown(active));
     let corner = |[x, y, z]: [i32; 3]| format!("({x}, {y}, {z})");
@@ -241,5 +267,49 @@ fn describe(grid: &Grid, table: &mut text::Table) {
     table.row("size", text::bytes(grid.bytes));
     for (name, value) in grid.metadata.iter().filter(|(name, _)| !TOLD.contains(&name.as_str())) {
         table.row(&text::tidy(name), value.human());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::vdb::Map;
+
+    fn shown(matrix: Option<[[f64; 4]; 3]>) -> (serde_json::Value, String) {
+        let info = GridInfo {
+            name: "a".to_owned(),
+            type_name: "Tree_float_5_4_3".to_owned(),
+            half: false,
+            instance_of: String::new(),
+            compression: "none".to_owned(),
+            metadata: Metadata::new(),
+            map: Map { type_name: "AffineMap".to_owned(), matrix },
+            bytes: 0,
+        };
+        let grid = grid(&info, true);
+        let mut table = text::Table::default();
+        describe(&grid, &mut table);
+        (serde_json::to_value(&grid).expect("JSON"), table.finish())
+    }
+
+    #[test]
+    fn a_map_that_turns_or_mirrors_is_shown_as_a_matrix() {
+        let plain = [[0.5, 0.0, 0.0, 1.0], [0.0, 0.25, 0.0, -2.0], [0.0, 0.0, 2.0, 0.0]];
+        let (json, human) = shown(Some(plain));
+        assert_eq!(json["matrix"], serde_json::json!(plain));
+        assert!(!human.contains("matrix"), "{human}");
+
+        // A quarter turn about z, then a step.
+        let turned = [[0.0, -0.5, 0.0, 1.0], [0.5, 0.0, 0.0, 2.0], [0.0, 0.0, 0.5, 3.0]];
+        let (json, human) = shown(Some(turned));
+        assert_eq!(json["matrix"], serde_json::json!(turned));
+        assert_eq!(json["voxel_size"], serde_json::json!([0.5, 0.5, 0.5]));
+        let lines: Vec<&str> = human.lines().skip_while(|line| !line.contains("matrix")).take(3).collect();
+        let lines = lines.join("\n").split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(lines, "matrix (0, -0.5, 0, 1) (0.5, 0, 0, 2) (0, 0, 0.5, 3)");
+
+        let mirrored = [[-0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0]];
+        assert!(shown(Some(mirrored)).1.contains("matrix"));
+        assert_eq!(shown(None).0["matrix"], serde_json::Value::Null);
     }
 }

@@ -9,7 +9,7 @@
 //!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
 //! Reading: a [`VdbFile`], of any program, lists its grids and gives each as a [`Tree`], or a [`Part`] of it as a
-//! [`PartialTree`]; [`read_info`] lists only.
+//! [`PartialTree`]; [`read_info`] lists only, [`list_grids`] also what a damaged file still tells.
 //!
 //! # What is written
 //!
@@ -44,7 +44,8 @@ pub use file::{FileHeader, FileWriter, VdbWriteError};
 pub use grid::{GridClass, GridHeader, VectorType};
 pub use meta::{Meta, Metadata};
 pub use read::{
-    AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Map, PartialGrid, VdbFile, VdbReadError, read_info,
+    AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Listing, Map, PartialGrid, VdbFile, VdbReadError,
+    list_grids, read_info,
 };
 pub use topology::{Topology, file_order};
 pub use voxel::Voxel;

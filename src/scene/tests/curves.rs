@@ -14,6 +14,7 @@ fn load(text: &str) -> Result<Scene, SceneErrors> {
         "bad.csv" => Ok(b"0,0,0\n1,0,zero\n".to_vec()),
         "twice.csv" => Ok(b"# made by hand\n0,0,0\n1,0,0\n1,0,0\n".to_vec()),
         "empty.csv" => Ok(vec![]),
+        "nothing.csv" => Ok(b"0,0\n1,0\n".to_vec()),
         "radius.csv" => Ok(b"l,radius\n0,0.1\n0.25,0.3\n0.5,0.1\n0.75,0.3\n1,0.1\n".to_vec()),
         "back.csv" => Ok(b"0,0.1\n0.5,0.2\n0.4,0.2\n".to_vec()),
         _ => Err(io::Error::new(io::ErrorKind::NotFound, "no such file")),
@@ -199,8 +200,10 @@ error: `radius` has no keys
  --> scene.toml:3:19
   |
 3 | radius = { file = "empty.csv" }
-  |                   ^^^^^^^^^^^ expected a number above 0, or keys [[l, radius], ...]"#,
+  |                   ^^^^^^^^^^^ expected keys, l,radius a line, found none in empty.csv"#,
     );
+    let nothing = messages(&format!("curve = {{ {SQUARE} }}\nradius = {{ file = \"nothing.csv\" }}"));
+    assert!(nothing.ends_with("^^^^^^^^^^^^^ expected a radius above 0 in nothing.csv"), "{nothing}");
     assert!(messages("curve = { file = \"\" }").contains("expected a path"));
 }
 
@@ -223,6 +226,17 @@ error: wrong number of points for a closed catmull-rom curve
   |
 2 | curve = { kind = "catmull-rom", closed = true, points = [[0, 0, 0], [0, 0, 1]] }
   |                                                         ^^^^^^^^^^^^^^^^^^^^^^ expected at least 3, found 2"#,
+    );
+    assert_messages(
+        "curve = { kind = \"b-spline\", closed = true, points = [[0, 0, 0], [0, 0, 1], [0, 0, 0]] }",
+        r#"
+error: wrong number of points for a closed b-spline curve
+ --> scene.toml:2:54
+  |
+2 | curve = { kind = "b-spline", closed = true, points = [[0, 0, 0], [0, 0, 1], [0, 0, 0]] }
+  |                                                      ^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^^ expected at least 3, found 2
+  |
+  = help: the last point is the first again, which counts once: leave it out"#,
     );
     assert_messages(
         "curve = { closed = true, points = [[0, 0, 0], [0, 0, 1], [0, 0.25, 0]] }",

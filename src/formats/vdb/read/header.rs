@@ -24,7 +24,8 @@ pub struct FileInfo {
     pub metadata: Metadata,
     /// The grids, in file order.
     pub grids: Vec<GridInfo>,
-    /// Grids that the file has besides: without offsets nothing behind a grid of an unknown type can be found.
+    /// Grids that the file has besides: without offsets nothing behind a grid of an unknown type can be found, and nothing
+    /// where the file breaks off.
     pub out_of_reach: usize,
 }
 
@@ -96,7 +97,8 @@ pub(super) struct Record {
     pub(super) end: u64,
 }
 
-/// Reads a grid's descriptor, metadata and transform: what comes before its topology.
+/// Reads a grid's descriptor, metadata and transform: what comes before its topology. Whether the file goes on until its end is
+/// the caller's to check.
 pub(super) fn grid_header<R: Read + Seek>(
     cursor: &mut Cursor<R>,
     has_offsets: bool,
@@ -117,9 +119,7 @@ pub(super) fn grid_header<R: Read + Seek>(
     // Without offsets the caller finds the end.
     let end = if has_offsets {
         let end = u64::try_from(end).ok().filter(|end| *end >= topology);
-        let end = end.ok_or_else(|| cursor.invalid("offset that points backward"))?;
-        cursor.require(end - topology)?;
-        end
+        end.ok_or_else(|| cursor.invalid("offset that points backward"))?
     } else {
         0
     };
@@ -216,7 +216,7 @@ mod tests {
     use super::super::super::{Compression, FileHeader, VdbGridBuilder, write};
     use std::io;
 
-    use super::super::read_info;
+    use super::super::{Listing, list_grids, read_info};
     use super::*;
 
     fn read(bytes: &[u8]) -> Result<FileInfo, VdbReadError> {
@@ -321,6 +321,37 @@ mod tests {
         for end in 8..bytes.len() {
             assert!(matches!(read(&bytes[..end]).err(), Some(VdbReadError::Truncated { .. })), "{end}");
         }
+    }
+
+    #[test]
+    fn a_file_that_breaks_off_lists_what_comes_before() {
+        let [first, second] = [0, 4].map(|at| build(Compression::Zip, &bricks()[at..at + 4]));
+        let mut bytes = file(&[(&grid_header("first"), &first), (&grid_header("second"), &second)]);
+        let at =
+            |name: &[u8]| bytes.windows(name.len()).position(|found| found == name).expect("it is there");
+        let (maps, middle) = (at(b"UniformScaleTranslateMap"), at(b"second") - 4);
+        let trees: Vec<usize> = (0..bytes.len()).filter(|at| bytes[*at..].starts_with(b"Tree_")).collect();
+        for offsets in [true, false] {
+            if !offsets {
+                bytes[20] = 0;
+                for tree in &trees {
+                    bytes[tree + 20..tree + 44].fill(0);
+                }
+            }
+            let whole = read(&bytes).expect("valid");
+            for end in (maps + 200..bytes.len()).step_by(7) {
+                let Listing { info, whole: count, error } =
+                    list_grids(io::Cursor::new(&bytes[..end]), u64::MAX).expect("a whole header");
+                assert!(matches!(error, Some(VdbReadError::Truncated { .. })), "{end}: {error:?}");
+                assert_eq!(count, usize::from(end >= middle), "{end}");
+                assert_eq!(info.grids[..count], whole.grids[..count]);
+                assert_eq!(info.grids.len() + info.out_of_reach, 2);
+                // Enough of the second grid for its map.
+                assert!(end < middle + 1000 || info.grids[1].map == whole.grids[1].map);
+            }
+        }
+        let listing = list_grids(io::Cursor::new(&bytes), u64::MAX).expect("valid");
+        assert!((listing.whole, listing.info.out_of_reach) == (2, 0) && listing.error.is_none());
     }
 
     #[test]

@@ -43,6 +43,26 @@ pub fn read_info(input: &mut (impl Read + Seek)) -> Result<FileInfo, VdbReadErro
     Ok(VdbFile::open(input)?.info)
 }
 
+/// What the headers of a file say that may be damaged.
+#[derive(Debug)]
+pub struct Listing {
+    /// What was read of them.
+    pub info: FileInfo,
+    /// How many of the grids, from the first, have their whole extent in the file. At most one more is listed.
+    pub whole: usize,
+    /// Why the others do not, or could not be found.
+    pub error: Option<VdbReadError>,
+}
+
+/// Lists a file's grids as far as it can be read. What a grid without offsets takes in memory, to be passed over, is limited.
+///
+/// # Errors
+/// Where the file's own header cannot be read.
+pub fn list_grids(input: impl Read + Seek, memory_limit: u64) -> Result<Listing, VdbReadError> {
+    let (file, error) = VdbFile::open_broken(input, memory_limit)?;
+    Ok(Listing { info: file.info, whole: file.records.len(), error })
+}
+
 /// A file whose headers have been read.
 pub struct VdbFile<R> {
     cursor: Cursor<R>,
@@ -129,27 +149,48 @@ impl<R: Read + Seek> VdbFile<R> {
     /// # Errors
     /// See [`VdbReadError`].
     pub fn open_within(input: R, memory_limit: u64) -> Result<Self, VdbReadError> {
+        let (file, error) = Self::open_broken(input, memory_limit)?;
+        error.map_or(Ok(file), Err)
+    }
+
+    /// What can be said of a file whose headers cannot be read to its end, and why not.
+    fn open_broken(input: R, memory_limit: u64) -> Result<(Self, Option<VdbReadError>), VdbReadError> {
         let mut cursor = Cursor::new(input)?;
         let (info, has_offsets, count) = header::file_header(&mut cursor)?;
         let mut file = Self { cursor, info, records: vec![], memory_limit };
-        for number in 0..count {
-            let (mut info, mut record) = header::grid_header(&mut file.cursor, has_offsets)?;
-            let mut readable = true;
-            if has_offsets {
-                file.cursor.jump(i64::try_from(record.end).map_err(|_| file.cursor.invalid("offset"))?)?;
-            } else {
-                readable = file.pass(&info, &record)?;
-                record.end = file.cursor.position();
-                info.bytes = record.end - info.bytes;
-            }
-            file.info.grids.push(info);
-            file.records.push(record);
-            if !readable {
-                file.info.out_of_reach = usize::try_from(count - number - 1).unwrap_or(0);
-                break;
+        let mut error = None;
+        for _ in 0..count {
+            match file.list_next(has_offsets) {
+                Ok(true) => (),
+                Ok(false) => break,
+                Err(reason) => {
+                    error = Some(reason);
+                    break;
+                }
             }
         }
-        Ok(file)
+        file.info.out_of_reach = usize::try_from(count).unwrap_or(0).saturating_sub(file.info.grids.len());
+        Ok((file, error))
+    }
+
+    /// Lists the grid whose descriptor is at the cursor, and moves behind it; false where that cannot be done. A grid that is
+    /// cut short has no record.
+    fn list_next(&mut self, has_offsets: bool) -> Result<bool, VdbReadError> {
+        let (info, mut record) = header::grid_header(&mut self.cursor, has_offsets)?;
+        self.info.grids.push(info.clone());
+        let mut readable = true;
+        if has_offsets {
+            self.cursor.jump(i64::try_from(record.end).map_err(|_| self.cursor.invalid("offset"))?)?;
+        } else {
+            let passed = self.pass(&info, &record);
+            record.end = if passed.is_ok() { self.cursor.position() } else { self.cursor.end() };
+            if let Some(listed) = self.info.grids.last_mut() {
+                listed.bytes = record.end - info.bytes;
+            }
+            readable = passed?;
+        }
+        self.records.push(record);
+        Ok(readable)
     }
 
     /// Limits the bytes that a grid may take in memory. The limit is checked node by node, and before values
