@@ -210,6 +210,7 @@ fn pictures_are_brightest_where_the_density_is_largest() {
     assert_eq!(range, [0.0, most]);
     let (pixels, _) = colours.as_chunks::<3>();
     let brightest = pixels[values[0].iter().position(|value| *value == most).expect("the largest")];
+    let black = pixels[values[0].iter().position(|value| *value == 0.0).expect("empty space")];
     for (pixel, value) in pixels.iter().zip(&values[0]) {
         assert!(
             pixel.iter().map(|c| u32::from(*c)).sum::<u32>() <= brightest.iter().map(|c| u32::from(*c)).sum()
