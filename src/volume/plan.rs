@@ -237,14 +237,18 @@ impl Plan {
         self.edges.get(index).is_some_and(|edge| *edge)
     }
 
-    /// A plan of `count` of these bricks, or of all if there are fewer, spread evenly over their order.
+    /// A plan of `count` of these bricks, or of all if there are fewer: one from each of as many equal parts of their order, at
+    /// places in these parts that are spread evenly, too, and keep no step with rows of bricks.
     pub fn sample(&self, count: usize) -> Plan {
         let count = count.min(self.bricks());
         let cover = self.cover.clone();
         let mut sample = Plan { cover, bricks: vec![], candidates: vec![], edges: vec![], ..*self };
         for number in 0..count {
-            // The middle of the brick's share of the order.
-            let index = (2 * number + 1) * self.bricks() / (2 * count);
+            // Multiples of the golden ratio, modulo 1.
+            let place = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
+            let at = ((number as u128) << 32 | u128::from(place)) * self.bricks() as u128
+                / ((count as u128) << 32);
+            let index = usize::try_from(at).expect("less than the number of bricks");
             let first =
                 u32::try_from(sample.candidates.len()).expect("no more candidates than in the whole plan");
             sample.bricks.push(Planned { block: self.bricks[index].block, first });

@@ -5,7 +5,7 @@ use std::io::Write;
 use super::codec::{Compression, Encoder};
 use super::file::{FileHeader, FileWriter, VdbWriteError};
 use super::grid::GridHeader;
-use super::spool::{Buffers, Spool};
+use super::spool::{Buffers, PIECE, Spool};
 use super::topology::Topology;
 use super::voxel::Voxel;
 use crate::volume::{Leaf, Stats, Tile};
@@ -40,6 +40,16 @@ impl<T> Default for EncodedBricks<T> {
 }
 
 impl<T: Voxel> EncodedBricks<T> {
+    /// Bricks that did not become tiles.
+    pub fn leaves(&self) -> usize {
+        self.bricks.iter().filter(|brick| matches!(brick, Brick::Leaf(_))).count()
+    }
+
+    /// Bytes of all leaves.
+    pub fn encoded_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// Forgets all bricks and keeps the memory.
     pub fn clear(&mut self) {
         self.bricks.clear();
@@ -89,12 +99,15 @@ impl VdbGridBuilder {
 }
 
 impl<T: Voxel> VdbGridBuilder<T> {
+    /// Bytes of encoded leaves that stay in memory whatever the spool, where there are so many.
+    pub const LEAST_MEMORY: u64 = PIECE as u64;
+
     /// A grid with no voxels, for bricks of this encoder.
     pub fn with_encoder(encoder: Encoder) -> Self {
         Self { encoder, topology: Topology::default(), buffers: Buffers::default() }
     }
 
-    /// The same, which keeps at most `memory` bytes of encoded leaves in memory (but 1 MiB in any case), and puts those
+    /// The same, which keeps at most `memory` bytes of encoded leaves in memory (but [`LEAST_MEMORY`](Self::LEAST_MEMORY) in any case), and puts those
     /// that come then into `spool`.
     #[must_use]
     pub fn with_spool(self, memory: u64, spool: impl Spool + 'static) -> Self {
