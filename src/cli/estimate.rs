@@ -119,14 +119,15 @@ impl Estimate {
             .collect();
         let bytes = planned.file(job.encoder.compression(), leaves, encoded);
         let spooled_bytes = need.spooled(job.budget(), encoded);
+        let [waiting, copying] = on_disk(bytes, spooled_bytes, folder);
         Estimate {
             sampled_bricks: sample.bricks() as u64,
             active_voxels: whole(tally.active_voxels),
             bytes,
             spooled_bytes,
             memory_bytes: need.about(job.budget(), leaves, encoded, job.resident()),
-            seconds: planned.seconds + with_disk(cpu / threads, bytes, spooled_bytes, folder),
-            cpu_seconds: planned.seconds + cpu,
+            seconds: planned.seconds + waiting[1] + waiting[0].max((cpu + copying[0]) / threads),
+            cpu_seconds: planned.seconds + cpu + copying[0] + copying[1],
             advice: advice(&compressions, compression_name(job.encoder.compression())),
             compressions,
         }
@@ -143,11 +144,14 @@ impl Planned<'_> {
     }
 }
 
-/// Seconds for work of so many, and writing: the spool meanwhile, the file afterwards.
-fn with_disk(work: f64, bytes: u64, spooled: u64, folder: Option<&Path>) -> f64 {
-    let speed = folder.filter(|_| bytes + spooled >= LARGE).and_then(machine::disk_speed);
+/// Seconds that the spool takes, and then the file, by the clock and of processors. Small ones are not worth a trial.
+fn on_disk(file: u64, spool: u64, folder: Option<&Path>) -> [[f64; 2]; 2] {
+    let speed = folder.filter(|_| file + spool >= LARGE).and_then(machine::disk_speed);
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-    speed.map_or(work, |speed| work.max(spooled as f64 / speed) + bytes as f64 / speed)
+    let [file, spool] = [file as f64, spool as f64];
+    let [clock, cpu] = speed.unwrap_or_default();
+    // What is in the spool is read again, and hardly from the disk.
+    [[clock * spool, clock * file], [cpu * spool, cpu * (file + spool)]]
 }
 
 /// What speaks against the compression that was chosen: another one that takes a tenth off all work, and hardly a larger

@@ -5,6 +5,8 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
+use cpu_time::ThreadTime;
+
 /// Memory taken for granted where the system does not tell.
 const UNKNOWN: u64 = 4 << 30;
 /// MiB that are written to learn how fast a disk is.
@@ -26,16 +28,17 @@ pub(super) fn free_space(folder: &Path) -> Option<u64> {
     fs4::available_space(folder).ok()
 }
 
-/// Bytes a second that a folder's disk takes and keeps, tried out on a nameless file; `None` where none can be made.
-pub(super) fn disk_speed(folder: &Path) -> Option<f64> {
+/// Seconds that a folder's disk takes to keep a byte, by the clock and of a processor, tried out on a nameless file; `None`
+/// where none can be made.
+pub(super) fn disk_speed(folder: &Path) -> Option<[f64; 2]> {
     let mut file = tempfile::tempfile_in(folder).ok()?;
     // Other than zeros, which some disks do not keep.
     let piece: Vec<u8> = (0..1_u32 << 18).flat_map(|n| n.wrapping_mul(0x9e37_79b9).to_le_bytes()).collect();
-    let started = Instant::now();
+    let (clock, cpu) = (Instant::now(), ThreadTime::now());
     (0..TRIAL).try_for_each(|_| file.write_all(&piece)).and_then(|()| file.sync_all()).ok()?;
     #[allow(clippy::cast_precision_loss, reason = "32 MiB")]
     let bytes = (TRIAL * piece.len()) as f64;
-    Some(bytes / started.elapsed().as_secs_f64().max(1e-9))
+    Some([clock.elapsed(), cpu.elapsed()].map(|time| time.as_secs_f64() / bytes))
 }
 
 /// A line such as `MemTotal:  123 kB`, in bytes.

@@ -13,6 +13,8 @@ use crate::volume::{IN_FLIGHT, Plan};
 const PROCESS: u64 = 7 << 20;
 /// Bytes for each thread: a run of bricks, working memory of the evaluation, and of the encoder.
 const THREAD: u64 = 384 << 10;
+/// Bytes of the program itself that a bake comes to use.
+const WORKING: u64 = 1 << 20;
 /// Times that a bake repeats the scene's text, for the file.
 const COPIES: u64 = 4;
 /// Bytes for each brick in flight besides its values: place, mask and hash.
@@ -77,8 +79,9 @@ pub(super) struct Need {
     /// Bytes for the plan while it is made, and once it is.
     making: u64,
     plan: u64,
-    /// Upper bound for all but the plan, encoded leaves and topology.
+    /// Upper bound for all but the plan, encoded leaves and topology, and for bricks in flight, a part of it.
     process: u64,
+    in_flight: u64,
     /// Upper bound for topology: leaves, and nodes above them.
     topology: u64,
     nodes: u64,
@@ -97,6 +100,7 @@ impl Need {
             making: plan.making() as u64,
             plan: plan.memory() as u64,
             process: process + held * in_flight,
+            in_flight: held * in_flight,
             topology: VdbGridBuilder::<f32>::topology_bytes(bricks, bound.nodes),
             nodes: bound.nodes,
             leaves: bound.buffers,
@@ -138,7 +142,10 @@ impl Need {
     pub(super) fn about(&self, budget: u64, leaves: u64, encoded: u64, resident: u64) -> u64 {
         let topology = VdbGridBuilder::<f32>::topology_bytes(leaves, self.nodes);
         let baking = self.plan + topology + encoded - self.spooled(budget, encoded);
-        (resident + baking.max(self.making)).min(self.most(budget))
+        let threads = rayon::current_num_threads() as u64 * THREAD;
+        // Few of those that may be in flight are, and they are no larger than they must be.
+        let process = resident + WORKING + threads + self.in_flight / 4;
+        (process + baking.max(self.making)).min(self.most(budget))
     }
 }
 

@@ -44,6 +44,8 @@ struct Report {
     /// All that would be searched; some may stay empty.
     planned_bricks: u64,
     at_most: Limits,
+    /// The least memory that the bake can do with, most values on disk.
+    least_memory_bytes: u64,
     estimated: Estimate,
     threads: usize,
     simd: String,
@@ -157,6 +159,7 @@ fn plan(
             spooled_bytes: need.spool(job.budget()),
             memory_bytes: need.most(job.budget()),
         },
+        least_memory_bytes: need.least(),
         // The folder where a bake goes that is not told otherwise.
         estimated: Estimate::new(&job, &planned, patience, Some(Path::new("."))),
         threads: rayon::current_num_threads(),
@@ -223,10 +226,11 @@ fn human(report: &Report, explain: bool) -> String {
     table.row(
         "at most",
         format!(
-            "{} active voxels, {} in the file, {} of memory",
+            "{} active voxels, {} in the file, {} of memory (it can do with {})",
             text::count(most.active_voxels),
             text::bytes(most.bytes),
             text::bytes(most.memory_bytes),
+            text::bytes(report.least_memory_bytes),
         ),
     );
     table.row(

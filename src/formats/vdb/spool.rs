@@ -3,6 +3,8 @@
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 
+use crc32fast::Hasher;
+
 use super::file::VdbWriteError;
 
 /// Encoded bytes are kept in pieces of this size, so that growing never copies what is there.
@@ -48,13 +50,15 @@ struct Spooled {
     /// Pieces in memory before the spool is used: what comes then goes through the last of them.
     pieces: usize,
     bytes: u64,
+    /// Checksum of them.
+    sum: Hasher,
 }
 
 impl Buffers {
     /// At most `memory` bytes stay in memory, rounded down to whole pieces; but one piece does in any case.
     pub(super) fn with_spool(memory: u64, spool: Box<dyn Spool>) -> Buffers {
         let pieces = usize::try_from(memory / PIECE as u64).unwrap_or(usize::MAX).max(1);
-        Buffers { pieces: vec![], spool: Some(Spooled { spool, pieces, bytes: 0 }) }
+        Buffers { pieces: vec![], spool: Some(Spooled { spool, pieces, bytes: 0, sum: Hasher::new() }) }
     }
 
     pub(super) fn push(&mut self, mut bytes: &[u8]) -> Result<(), VdbWriteError> {
@@ -78,6 +82,7 @@ impl Buffers {
             (Some(spooled), Some(last)) if held >= spooled.pieces => {
                 spooled.spool.put(spooled.bytes, last).map_err(VdbWriteError::Spool)?;
                 spooled.bytes += last.len() as u64;
+                spooled.sum.update(last);
                 last.clear();
             }
             _ => self.pieces.push(Vec::with_capacity(PIECE)),
@@ -97,13 +102,13 @@ impl Buffers {
 
     /// Writes all bytes in sequence.
     pub(super) fn write(&self, out: &mut dyn Write) -> Result<(), VdbWriteError> {
-        let Some(Spooled { spool, bytes: spooled @ 1.., .. }) = &self.spool else {
+        let Some(Spooled { spool, bytes: spooled @ 1.., sum, .. }) = &self.spool else {
             return Ok(self.pieces.iter().try_for_each(|piece| out.write_all(piece))?);
         };
         let (last, pieces) = self.pieces.split_last().expect("the spool is used once there are pieces");
         pieces.iter().try_for_each(|piece| out.write_all(piece))?;
         let mut reader = spool.read().map_err(VdbWriteError::Spool)?.take(*spooled);
-        let (mut buffer, mut found) = (vec![0; PIECE], 0);
+        let (mut buffer, mut found, mut check) = (vec![0; PIECE], 0, Hasher::new());
         loop {
             let count = match reader.read(&mut buffer) {
                 Ok(0) => break,
@@ -112,11 +117,16 @@ impl Buffers {
                 Err(error) => return Err(VdbWriteError::Spool(error)),
             };
             out.write_all(&buffer[..count])?;
+            check.update(&buffer[..count]);
             found += count as u64;
         }
         if found < *spooled {
             let text = format!("{found} of its {spooled} bytes are left");
             return Err(VdbWriteError::Spool(io::Error::new(io::ErrorKind::UnexpectedEof, text)));
+        }
+        if check.finalize() != sum.clone().finalize() {
+            let text = "what it gives back is not what was put there";
+            return Err(VdbWriteError::Spool(io::Error::new(io::ErrorKind::InvalidData, text)));
         }
         Ok(out.write_all(last)?)
     }
@@ -181,6 +191,21 @@ mod tests {
                 assert!(out == all, "{memory}");
             }
         }
+    }
+
+    /// As of a file that is cut short and then grows again, so that there are zeros where the first bytes were.
+    #[test]
+    fn a_spool_with_other_bytes_is_an_error() {
+        let (runs, _) = runs(4 * PIECE);
+        let file = tempfile::tempfile().expect("a temporary file");
+        let other = file.try_clone().expect("another handle");
+        let mut buffers = Buffers::with_spool(0, Box::new(file));
+        let (first, rest) = runs.split_at(runs.len() / 2);
+        first.iter().try_for_each(|run| buffers.push(run)).expect("room");
+        other.set_len(0).expect("cut");
+        rest.iter().try_for_each(|run| buffers.push(run)).expect("room");
+        let error = buffers.write(&mut io::sink()).expect_err("cut");
+        assert!(matches!(error, VdbWriteError::Spool(error) if error.kind() == io::ErrorKind::InvalidData));
     }
 
     #[test]
