@@ -15,6 +15,8 @@ const PROCESS: u64 = 7 << 20;
 const THREAD: u64 = 384 << 10;
 /// Bytes of the program itself that a bake comes to use.
 const WORKING: u64 = 1 << 20;
+/// Bytes for putting the file together: an upper node, what encodes it, and what is read of a spool at once.
+const WRITING: u64 = 3 << 19;
 /// Times that a bake repeats the scene's text, for the file.
 const COPIES: u64 = 4;
 /// Bytes for each brick in flight besides its values: place, mask and hash.
@@ -67,7 +69,7 @@ pub(super) fn resident() -> u64 {
 /// compile a scene of `text` bytes.
 pub(super) fn process(resident: u64, text: usize) -> u64 {
     // Only large scenes take more than the process itself, so that the bound is the same on every run for all others.
-    PROCESS.max(resident) + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
+    PROCESS.max(resident) + WRITING + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
 }
 
 /// Upper bound of what one more of many bricks takes whose leaf is in the spool.

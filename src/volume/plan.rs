@@ -115,7 +115,7 @@ impl Plan {
         // Within a factor of a few of the contacts: what is far beyond the budget is not worth counting.
         let estimate = field.estimate_blocks(lattice);
         #[allow(clippy::cast_precision_loss, reason = "a rough bound")]
-        if estimate * BYTES as f64 > 8.0 * budget as f64 {
+        if estimate * BYTES as f64 > 2.0 * budget as f64 {
             return Err(PlanError::TooMany { bricks: estimate });
         }
         let cover = field.cover(lattice).ok_or(PlanError::TooMany { bricks: estimate })?;

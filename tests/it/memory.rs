@@ -234,3 +234,31 @@ fn a_billion_voxels_within_a_gibibyte() {
         assert!(foretold.abs_diff(found) <= found * percent / 100, "{name}: {foretold}, and {found} in fact");
     }
 }
+
+/// On a disk of 16 MiB, where the system lets anybody make one.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_bake_without_room_on_the_disk_is_not_begun() {
+    let folder = Folder::new();
+    let small = folder.path("small");
+    fs::create_dir(&small).expect("a folder");
+    let within = |script: &str| {
+        let mount =
+            format!("mount -t tmpfs -o size=16m tmpfs small && echo older > small/out.vdb && {script}");
+        let mut unshare = Command::new("unshare");
+        unshare.current_dir(folder.path("")).args(["--map-root-user", "--mount", "sh", "-c", &mount, "sh"]);
+        unshare
+    };
+    if !within("true").output().is_ok_and(|output| output.status.success()) {
+        return;
+    }
+    for options in [&[NONE][..], &[NONE, "--memory=40MiB"]] {
+        let bake = command(&folder, "bake", &[options, &["-o", "small/out.vdb"]].concat());
+        let mut limited = within("{ \"$@\"; code=$?; cat small/out.vdb; ls -A small; exit $code; }");
+        let output = limited.arg(bake.get_program()).args(bake.get_args()).output().expect("starts");
+        let message = errors(&output);
+        assert_eq!((code(&output), crate::cli::text(&output).as_str()), (1, "older\nout.vdb\n"), "{message}");
+        assert!(message.contains("too little room on the disk") && message.contains("-o"), "{message}");
+        assert_eq!(message.contains("--memory"), options.len() > 1, "{message}");
+    }
+}

@@ -10,6 +10,9 @@ use super::file::VdbWriteError;
 /// Encoded bytes are kept in pieces of this size, so that growing never copies what is there.
 pub(super) const PIECE: usize = 1 << 20;
 
+/// Bytes that are read of a spool at once.
+const READ: usize = 128 << 10;
+
 /// Where encoded leaves wait that have no room in memory: a file, as a rule.
 pub trait Spool: Send {
     /// Keeps bytes behind the first `at`.
@@ -108,7 +111,7 @@ impl Buffers {
         let (last, pieces) = self.pieces.split_last().expect("the spool is used once there are pieces");
         pieces.iter().try_for_each(|piece| out.write_all(piece))?;
         let mut reader = spool.read().map_err(VdbWriteError::Spool)?.take(*spooled);
-        let (mut buffer, mut found, mut check) = (vec![0; PIECE], 0, Hasher::new());
+        let (mut buffer, mut found, mut check) = (vec![0; READ], 0, Hasher::new());
         loop {
             let count = match reader.read(&mut buffer) {
                 Ok(0) => break,
