@@ -9,13 +9,14 @@ use clap::Args;
 use cpu_time::ProcessTime;
 use serde::Serialize;
 
+use super::estimate::Planned;
 use super::frames::{self, Pattern};
 use super::interrupt::{Interrupt, Stopped, Watched};
 use super::job::{self, Job, Moment, Options, SamplingError, Source, sampling_errors};
 use super::mass::Mass;
 use super::output::Output;
 use super::progress::{Planning, Progress};
-use super::{Failure, Global, machine, print, text};
+use super::{Failure, Global, disk, machine, print, text};
 use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
 use crate::scene::Scene;
@@ -62,6 +63,8 @@ struct Report {
     leaves: u64,
     tiles: u64,
     bytes: u64,
+    /// Of encoded leaves that had no room in the memory, and were kept beside the file meanwhile.
+    spooled_bytes: u64,
     seconds: Times,
     cpu_seconds: Times,
     peak_rss_bytes: Option<u64>,
@@ -234,8 +237,13 @@ fn bake(
 
     interrupt.hold();
     let mut output = Output::create(path)?;
+    let grid = pool.install(|| empty_grid(job, plan, planned[0], &output))?;
     progress.begin(plan.bricks());
-    let (grid, tally, mut phases) = pool.install(|| evaluate(job, plan, interrupt, progress))?;
+    let (grid, tally, mut phases) =
+        pool.install(|| evaluate(job, plan, grid, interrupt, progress)).map_err(|stopped| match stopped {
+            Stopped::Interrupted => Failure::interrupted(),
+            Stopped::Sink(error) => disk::failure(path, error),
+        })?;
     let baked = clock.read();
     let rest = pool.install(|| RestMass::beside(&job.field, &job.scene, job.lattice, &tally, Level::best()));
     phases.evaluate += clock.read()[1] - baked[1];
@@ -266,7 +274,7 @@ fn bake(
     let content = text::hexadecimal(&tally.content_hash);
     let header = job.file_header(&content)?;
     let bytes = write(&mut output, job, &header, &grid, interrupt)
-        .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))
+        .map_err(|error| disk::failure(path, error))
         .or_else(|failure| interrupt.check().and(Err(failure)))?;
     interrupt.check()?;
     output
@@ -298,6 +306,7 @@ fn bake(
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,
+        spooled_bytes: grid.spooled_bytes(),
         seconds,
         cpu_seconds,
         peak_rss_bytes: machine::peak_memory(),
@@ -317,23 +326,36 @@ fn bake(
     })
 }
 
+/// A grid for the plan's bricks within the memory, if there is room for it on the disk. Planning took so many seconds.
+fn empty_grid(job: &Job, plan: &Plan, planning: f64, output: &Output) -> Result<VdbGridBuilder, Failure> {
+    let bound = job.bound(plan);
+    let need = job.need(plan, &bound);
+    let empty = job.empty_file()?;
+    disk::check(job, &Planned { plan, bound: &bound, need: &need, empty, seconds: planning }, output)?;
+    let grid = VdbGridBuilder::with_encoder(job.encoder).with_room(plan.bricks());
+    if need.spool(job.budget()) == 0 {
+        return Ok(grid);
+    }
+    let failed = |error| {
+        let folder = output.folder().display();
+        Failure::failed(format!("cannot make a temporary file in {folder}")).because(io::Error::from(error))
+    };
+    let spool = output.spool().map_err(|error| failed(error.kind()))?;
+    Ok(grid.with_spool(need.room(job.budget()), spool))
+}
+
 /// Evaluates and encodes all bricks.
 fn evaluate(
     job: &Job,
     plan: &Plan,
+    grid: VdbGridBuilder,
     interrupt: &Interrupt,
     progress: &mut Progress,
-) -> Result<(VdbGridBuilder, Tally, Phases), Failure> {
-    let mut sink = Watched { inner: VdbGridBuilder::with_encoder(job.encoder), interrupt };
+) -> Result<(VdbGridBuilder, Tally, Phases), Stopped<VdbWriteError>> {
+    let mut sink = Watched { inner: grid, interrupt };
     let cutoff = job.scene.bake().cutoff;
     let advance = |bricks| progress.advance(bricks);
-    let (tally, phases) =
-        volume::bake(&job.field, plan, cutoff, Level::best(), &mut sink, advance).map_err(|stopped| {
-            match stopped {
-                Stopped::Interrupted => Failure::interrupted(),
-                Stopped::Sink(error) => Failure::failed("cannot encode the grid").because(error),
-            }
-        })?;
+    let (tally, phases) = volume::bake(&job.field, plan, cutoff, Level::best(), &mut sink, advance)?;
     Ok((sink.inner, tally, phases))
 }
 
@@ -443,7 +465,11 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
     );
     table.row("mass", report.mass.line());
     if let Some(peak) = report.peak_rss_bytes {
-        table.row("peak memory", text::bytes(peak));
+        let spooled = match report.spooled_bytes {
+            0 => String::new(),
+            bytes => format!(", and {} on disk meanwhile", text::bytes(bytes)),
+        };
+        table.row("peak memory", format!("{}{spooled}", text::bytes(peak)));
     }
     if explain {
         table.rows("mass", &report.mass_notes, "none at rest");

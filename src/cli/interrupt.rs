@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::Failure;
-use crate::volume::{Brick, Precision, Sink};
+use crate::volume::{Encode, Sink};
 
 /// Exit code after a signal.
 const EXIT_CODE: i32 = 130;
@@ -79,18 +79,14 @@ pub(super) enum Stopped<E> {
 }
 
 impl<S: Sink> Sink for Watched<'_, S> {
-    type Run = S::Run;
+    type Encoder = S::Encoder;
     type Error = Stopped<S::Error>;
 
-    fn precision(&self) -> Precision {
-        self.inner.precision()
+    fn encoder(&self) -> S::Encoder {
+        self.inner.encoder()
     }
 
-    fn encode(&self, brick: &Brick, run: &mut S::Run) {
-        self.inner.encode(brick, run);
-    }
-
-    fn append(&mut self, run: S::Run) -> Result<(), Self::Error> {
+    fn append(&mut self, run: <S::Encoder as Encode>::Run) -> Result<(), Self::Error> {
         if self.interrupt.is_noted() {
             return Err(Stopped::Interrupted);
         }

@@ -10,12 +10,13 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::frames::Frames;
-use super::memory::{self, Amount};
+use super::memory::{self, Amount, Need};
 use super::recipe::{Recipe, Settings, antialias_name, compression_name, precision_name};
 use super::{Failure, text};
 use crate::field::{self, Field};
 use crate::formats::vdb::{
-    self, Compression, Encoder, FileHeader, GridClass, GridHeader, Precision, VectorType,
+    self, Compression, Encoder, FileHeader, GridBound, GridClass, GridHeader, Precision, VdbGridBuilder,
+    VectorType,
 };
 use crate::scene::limit::{ANY, POSITIVE};
 use crate::scene::{MOST_INPUT, Scene, SceneErrors, Step, Tube};
@@ -42,7 +43,8 @@ pub(super) struct SceneOptions {
     /// Seconds after the scene's start frame [default: 0]
     #[arg(long, value_name = "T", value_parser = time, allow_negative_numbers = true)]
     time: Option<f64>,
-    /// Memory to work in, such as 500MB or 2GiB [default: three quarters of the machine's]
+    /// Memory to work in, such as 500MB or 2GiB: a bake that needs more keeps values in a temporary file beside the output
+    /// [default: three quarters of the machine's]
     #[arg(long, value_name = "SIZE", allow_negative_numbers = true)]
     memory: Option<Amount>,
 }
@@ -248,12 +250,27 @@ impl Job {
         }
     }
 
-    /// Upper bound of the memory in bytes that the process takes to bake a plan on the current `rayon` pool.
-    pub(super) fn memory(&self, plan: &Plan) -> u64 {
-        self.process() + memory::bricks(plan, self.encoder)
+    /// What baking a plan on the current `rayon` pool takes of the memory.
+    pub(super) fn need(&self, plan: &Plan, bound: &GridBound) -> Need {
+        Need::new(plan, bound, self.encoder, self.process())
     }
 
-    /// The part of it that does not depend on the plan.
+    /// How large the plan's grid can get.
+    pub(super) fn bound(&self, plan: &Plan) -> GridBound {
+        GridBound::new::<f32>(self.encoder, plan.origins())
+    }
+
+    /// Bytes that the process took at most until the scene was compiled.
+    pub(super) fn resident(&self) -> u64 {
+        self.resident
+    }
+
+    /// Bytes to work in.
+    pub(super) fn budget(&self) -> u64 {
+        self.budget.bytes()
+    }
+
+    /// The part of the memory that does not depend on the plan.
     fn process(&self) -> u64 {
         memory::process(self.resident, self.scene.text().len())
     }
@@ -265,16 +282,17 @@ impl Job {
         if lattice != self.lattice {
             field.to_mut().widen(lattice);
         }
-        match Plan::new(&field, lattice, self.budget.bytes().saturating_sub(process)) {
-            Ok(plan) if self.memory(&plan) <= self.budget.bytes() => Ok(plan),
-            #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
+        match Plan::new(&field, lattice, self.budget().saturating_sub(process)) {
             Ok(plan) => {
-                Err(Misfit::Memory { bricks: Some(plan.bricks() as u64), need: self.memory(&plan) as f64 })
+                let least = self.need(&plan, &self.bound(&plan)).least();
+                #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
+                let misfit = Misfit::Memory { bricks: Some(plan.bricks() as u64), need: least as f64 };
+                if least <= self.budget() { Ok(plan) } else { Err(misfit) }
             }
             #[allow(clippy::cast_precision_loss, reason = "as above")]
             Err(PlanError::TooMany { bricks }) => Err(Misfit::Memory {
                 bricks: None,
-                need: process as f64 + bricks / CONTACTS * memory::brick(self.encoder) as f64,
+                need: process as f64 + bricks / CONTACTS * memory::BRICK as f64,
             }),
             Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }
@@ -285,7 +303,7 @@ impl Job {
         let budget = self.budget.show(self.budget.bytes() as f64);
         let failure = Failure::failed(match bricks {
             Some(bricks) => format!(
-                "too many bricks for the memory: a bake of {} of 8^3 voxels takes up to {}, and {budget} may be used",
+                "too many bricks for the memory: a bake of {} of 8^3 voxels takes up to {} even with all values on disk, and {budget} may be used",
                 text::number(bricks, "brick"),
                 self.budget.show(need),
             ),
@@ -346,6 +364,14 @@ impl Job {
         let recipe = Recipe::new(self.scene.text(), self.scene.inputs(), &self.settings)
             .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
         Ok(FileHeader { uuid: recipe.uuid(), metadata: recipe.metadata(content) })
+    }
+
+    /// Bytes of the file if no voxel were active. All of it that depends on the density has a fixed length.
+    pub(super) fn empty_file(&self) -> Result<u64, Failure> {
+        let header = self.file_header(&"0".repeat(64))?;
+        let grid = VdbGridBuilder::<f32>::with_encoder(self.encoder);
+        vdb::write(io::sink(), &header, &[(&self.grid_header(), &grid)])
+            .map_err(|error| Failure::failed("cannot measure the file").because(error))
     }
 
     /// The grid's name and place.

@@ -5,22 +5,24 @@ use std::str::FromStr;
 use bytesize::ByteSize;
 
 use super::machine;
-use crate::formats::vdb::{Encoder, GridBound};
-use crate::volume::Plan;
+use crate::formats::vdb::{Encoder, GridBound, VdbGridBuilder};
+use crate::volume::{IN_FLIGHT, Plan};
 
 /// Bytes that the process takes without a scene: 5 MB were measured, and 0.6 MB more for one brick of each scene of the
 /// project.
 const PROCESS: u64 = 7 << 20;
-/// Bytes for each thread: a run of 64 bricks, working memory of the evaluation, and of the encoder.
+/// Bytes for each thread: a run of bricks, working memory of the evaluation, and of the encoder.
 const THREAD: u64 = 384 << 10;
+/// Bytes of the program itself that a bake comes to use.
+const WORKING: u64 = 1 << 20;
+/// Bytes for putting the file together: an upper node, what encodes it, and what is read of a spool at once.
+const WRITING: u64 = 3 << 19;
 /// Times that a bake repeats the scene's text, for the file.
 const COPIES: u64 = 4;
-/// Bytes for each brick besides its encoded values: place and mask, in a list that grows by doubling.
-const PLACE: u64 = 160;
-/// Bricks that are handed on together. Until then each is held once more, in lists that grow by doubling.
-const IN_FLIGHT: u64 = 8192;
-/// While a plan is made, a contact of a brick and a piece of an axis takes 36 bytes, of which at least 4 are kept.
-const PLANNING: u64 = 9;
+/// Bytes for each brick in flight besides its values: place, mask and hash.
+const PLACE: u64 = 128;
+/// Bytes of a plan for each brick, as far as that is known before it is made.
+const PLANNED: u64 = 32;
 
 /// Bytes of memory, in binary or decimal units as the user gave them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,19 +69,86 @@ pub(super) fn resident() -> u64 {
 /// compile a scene of `text` bytes.
 pub(super) fn process(resident: u64, text: usize) -> u64 {
     // Only large scenes take more than the process itself, so that the bound is the same on every run for all others.
-    PROCESS.max(resident) + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
+    PROCESS.max(resident) + WRITING + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
 }
 
-/// Upper bound of what a plan and its bricks take.
-pub(super) fn bricks(plan: &Plan, encoder: Encoder) -> u64 {
-    let (held, bricks) = (plan.memory() as u64, plan.bricks() as u64);
-    let baking = held + brick(encoder) * bricks + 2 * GridBound::leaf::<f32>(encoder) * bricks.min(IN_FLIGHT);
-    baking.max(PLANNING * held)
+/// Upper bound of what one more of many bricks takes whose leaf is in the spool.
+pub(super) const BRICK: u64 = VdbGridBuilder::<f32>::topology_bytes(1, 0) + PLANNED;
+
+/// What a bake takes of the memory. Encoded leaves that have no room go to a spool; all else is needed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Need {
+    /// Bytes for the plan while it is made, and once it is.
+    making: u64,
+    plan: u64,
+    /// Upper bound for all but the plan, encoded leaves and topology, and for bricks in flight, a part of it.
+    process: u64,
+    in_flight: u64,
+    /// Upper bound for topology: leaves, and nodes above them.
+    topology: u64,
+    nodes: u64,
+    /// Upper bound of encoded leaves.
+    leaves: u64,
 }
 
-/// Upper bound of what one more of many bricks takes.
-pub(super) fn brick(encoder: Encoder) -> u64 {
-    GridBound::leaf::<f32>(encoder) + PLACE
+impl Need {
+    /// Of a plan, on the current `rayon` pool, of which `process` is the part that does not depend on it.
+    pub(super) fn new(plan: &Plan, bound: &GridBound, encoder: Encoder, process: u64) -> Need {
+        let bricks = plan.bricks() as u64;
+        let in_flight = bricks.min((IN_FLIGHT * rayon::current_num_threads()) as u64);
+        // Lists of bytes grow by doubling.
+        let held = 2 * (GridBound::leaf::<f32>(encoder) + PLACE);
+        Need {
+            making: plan.making() as u64,
+            plan: plan.memory() as u64,
+            process: process + held * in_flight,
+            in_flight: held * in_flight,
+            topology: VdbGridBuilder::<f32>::topology_bytes(bricks, bound.nodes),
+            nodes: bound.nodes,
+            leaves: bound.buffers,
+        }
+    }
+
+    /// All but encoded leaves, at most.
+    fn fixed(&self) -> u64 {
+        self.process + self.plan + self.topology
+    }
+
+    /// What cannot do without.
+    pub(super) fn least(&self) -> u64 {
+        let baking = self.fixed() + self.leaves.min(VdbGridBuilder::<f32>::LEAST_MEMORY);
+        baking.max(self.process + self.making)
+    }
+
+    /// Upper bound of what is taken of a budget.
+    pub(super) fn most(&self, budget: u64) -> u64 {
+        self.least().max(self.fixed() + self.leaves.min(self.room(budget)))
+    }
+
+    /// What a budget leaves for encoded leaves.
+    pub(super) fn room(&self, budget: u64) -> u64 {
+        budget.saturating_sub(self.fixed())
+    }
+
+    /// Upper bound of what goes to the spool.
+    pub(super) fn spool(&self, budget: u64) -> u64 {
+        self.spooled(budget, self.leaves)
+    }
+
+    /// About what goes to the spool of encoded leaves of so many bytes.
+    pub(super) fn spooled(&self, budget: u64, encoded: u64) -> u64 {
+        encoded.saturating_sub(self.room(budget).max(VdbGridBuilder::<f32>::LEAST_MEMORY))
+    }
+
+    /// About what is taken of a budget for so many leaves of so many bytes, if the process takes `resident` without them.
+    pub(super) fn about(&self, budget: u64, leaves: u64, encoded: u64, resident: u64) -> u64 {
+        let topology = VdbGridBuilder::<f32>::topology_bytes(leaves, self.nodes);
+        let baking = self.plan + topology + encoded - self.spooled(budget, encoded);
+        let threads = rayon::current_num_threads() as u64 * THREAD;
+        // Few of those that may be in flight are, and they are no larger than they must be.
+        let process = resident + WORKING + threads + self.in_flight / 4;
+        (process + baking.max(self.making)).min(self.most(budget))
+    }
 }
 
 #[cfg(test)]

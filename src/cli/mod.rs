@@ -4,6 +4,8 @@
 //! error. [`Failure::exit_code`] lists the exit codes.
 
 mod bake;
+mod disk;
+mod estimate;
 mod failure;
 mod frames;
 mod grids;

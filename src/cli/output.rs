@@ -45,6 +45,17 @@ impl Output {
         Ok(Output { path: target, temporary })
     }
 
+    /// The folder where the file will be.
+    pub(super) fn folder(&self) -> &Path {
+        folder(&self.path)
+    }
+
+    /// A nameless file beside it, where the system has such: it is gone when it is closed, and when the process ends in any
+    /// way.
+    pub(super) fn spool(&self) -> io::Result<File> {
+        tempfile::tempfile_in(self.folder())
+    }
+
     /// What to write to.
     pub(super) fn file(&self) -> &File {
         self.temporary.as_file()

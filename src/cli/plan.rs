@@ -1,23 +1,19 @@
 //! `vdbake plan`: what a bake would take.
 
 use std::collections::BTreeSet;
-use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
 
+use super::estimate::{Estimate, Planned, Way};
 use super::job::{Job, Moment, Options, SamplingError, Source, sampling_errors};
 use super::progress::Planning;
 use super::{Failure, Global, text};
-use crate::formats::vdb::{self, Compression, GridBound, VdbGridBuilder};
 use crate::num::Level;
 use crate::scene::Scene;
-use crate::volume::{self, Plan};
 
-/// Bricks that are baked for the estimates: one sample after the other, as long as there is time.
-const SAMPLES: [usize; 4] = [4, 16, 64, 256];
 /// Seconds after which no larger sample is begun.
 const PATIENCE: f64 = 0.5;
 /// The same for all frames together.
@@ -48,6 +44,8 @@ struct Report {
     /// All that would be searched; some may stay empty.
     planned_bricks: u64,
     at_most: Limits,
+    /// The least memory that the bake can do with, most values on disk.
+    least_memory_bytes: u64,
     estimated: Estimate,
     threads: usize,
     simd: String,
@@ -64,21 +62,13 @@ struct Limits {
     active_voxels: u64,
     /// Of the file.
     bytes: u64,
+    /// Of the spool beside it.
+    spooled_bytes: u64,
     /// That the process takes.
     memory_bytes: u64,
 }
 
-/// What a sample of the bricks lets expect.
-#[derive(Debug, Default, Serialize)]
-struct Estimate {
-    sampled_bricks: u64,
-    active_voxels: u64,
-    bytes: u64,
-    seconds: f64,
-    cpu_seconds: f64,
-}
-
-/// What all frames would take together, as `--json` prints it; memory is that of the frame that takes the most.
+/// What all frames would take together, as `--json` prints it; memory and spool are those of the frame that takes the most.
 #[derive(Debug, Default, Serialize)]
 struct Total {
     frames: u64,
@@ -94,10 +84,13 @@ impl Total {
         self.planned_bricks += frame.planned_bricks;
         most.active_voxels += frame.at_most.active_voxels;
         most.bytes += frame.at_most.bytes;
+        most.spooled_bytes = most.spooled_bytes.max(frame.at_most.spooled_bytes);
         most.memory_bytes = most.memory_bytes.max(frame.at_most.memory_bytes);
         estimated.sampled_bricks += frame.estimated.sampled_bricks;
         estimated.active_voxels += frame.estimated.active_voxels;
         estimated.bytes += frame.estimated.bytes;
+        estimated.spooled_bytes = estimated.spooled_bytes.max(frame.estimated.spooled_bytes);
+        estimated.memory_bytes = estimated.memory_bytes.max(frame.estimated.memory_bytes);
         estimated.seconds += frame.estimated.seconds;
         estimated.cpu_seconds += frame.estimated.cpu_seconds;
     }
@@ -135,7 +128,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.show_one(&total, all)
 }
 
-/// Plans one file; gives the scene, too. `started` is when this was begun, `patience` what `estimate` has.
+/// Plans one file; gives the scene, too. `started` is when this was begun, `patience` what the estimate has.
 fn plan(
     source: &Source,
     moment: Moment,
@@ -146,8 +139,10 @@ fn plan(
     let job = Job::new(source, moment, options)?;
     let plan = job.plan()?;
     let planning = started.elapsed().as_secs_f64();
-    let bound = GridBound::new::<f32>(job.encoder, plan.origins());
-    let empty = empty_file(&job)?;
+    let bound = job.bound(&plan);
+    let need = job.need(&plan, &bound);
+    let planned =
+        Planned { plan: &plan, bound: &bound, need: &need, empty: job.empty_file()?, seconds: planning };
     let report = Report {
         scene: job.scene.name().to_owned(),
         frame: moment.frame,
@@ -160,10 +155,13 @@ fn plan(
         planned_bricks: plan.bricks() as u64,
         at_most: Limits {
             active_voxels: 512 * plan.bricks() as u64,
-            bytes: empty + bound.bytes(),
-            memory_bytes: job.memory(&plan),
+            bytes: planned.empty + bound.bytes(),
+            spooled_bytes: need.spool(job.budget()),
+            memory_bytes: need.most(job.budget()),
         },
-        estimated: estimate(&job, &plan, bound, empty, [planning, patience])?,
+        least_memory_bytes: need.least(),
+        // The folder where a bake goes that is not told otherwise.
+        estimated: Estimate::new(&job, &planned, patience, Some(Path::new("."))),
         threads: rayon::current_num_threads(),
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice),
@@ -171,56 +169,6 @@ fn plan(
         sampling_errors: sampling_errors(&job.scene),
     };
     Ok((report, job.scene))
-}
-
-/// Bytes of the file if no voxel were active. All of it that depends on the density has a fixed length.
-fn empty_file(job: &Job) -> Result<u64, Failure> {
-    let header = job.file_header(&"0".repeat(64))?;
-    let grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
-    vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)])
-        .map_err(|error| Failure::failed("cannot measure the file").because(error))
-}
-
-/// Bakes some of the bricks and scales up what they took. `empty` is the length of a file without voxels; planning took so
-/// many seconds, and after so many of `patience` no larger sample is begun.
-fn estimate(
-    job: &Job,
-    plan: &Plan,
-    bound: GridBound,
-    empty: u64,
-    [planning, patience]: [f64; 2],
-) -> Result<Estimate, Failure> {
-    let cutoff = job.scene.bake().cutoff;
-    let started = Instant::now();
-    let mut sizes = SAMPLES.into_iter();
-    let (sample, grid, tally, phases) = loop {
-        let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
-        let mut grid = VdbGridBuilder::with_encoder(job.encoder);
-        let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut grid, |_| {})
-            .map_err(|error| Failure::failed("cannot encode a sample").because(error))?;
-        let long = started.elapsed().as_secs_f64() > patience;
-        if long || sizes.len() == 0 || sample.bricks() == plan.bricks() {
-            break (sample, grid, tally, phases);
-        }
-    };
-    let scale = |part: u64| {
-        let (part, whole) = (u128::from(part), plan.bricks() as u128);
-        u64::try_from(part * whole / (sample.bricks() as u128).max(1)).unwrap_or(u64::MAX)
-    };
-    // The nodes above leaves take their full size only where nothing is compressed.
-    let nodes = bound.masks - 64 * plan.bricks() as u64
-        + if job.encoder.compression() == Compression::None { bound.entries } else { 0 };
-    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-    let (factor, threads) =
-        (plan.bricks() as f64 / sample.bricks().max(1) as f64, rayon::current_num_threads() as f64);
-    let cpu = factor * (phases.evaluate + phases.encode + phases.append);
-    Ok(Estimate {
-        sampled_bricks: sample.bricks() as u64,
-        active_voxels: scale(tally.active_voxels),
-        bytes: empty + nodes + scale(grid.encoded_bytes() + 64 * grid.stats().leaves),
-        seconds: planning + cpu / threads,
-        cpu_seconds: planning + cpu,
-    })
 }
 
 /// One of many.
@@ -258,6 +206,16 @@ fn amounts(most: &Limits, estimated: &Estimate) -> String {
     )
 }
 
+fn way(way: &Way) -> String {
+    format!(
+        "{:<5}  {} in the file, {} of all threads together, {} of it to encode",
+        way.compression,
+        text::bytes(way.bytes),
+        text::seconds(way.cpu_seconds),
+        text::seconds(way.encode_cpu_seconds),
+    )
+}
+
 fn human(report: &Report, explain: bool) -> String {
     let mut table = text::Table::default();
     let (most, estimated) = (&report.at_most, &report.estimated);
@@ -268,23 +226,37 @@ fn human(report: &Report, explain: bool) -> String {
     table.row(
         "at most",
         format!(
-            "{} active voxels, {} in the file, {} of memory",
+            "{} active voxels, {} in the file, {} of memory (it can do with {})",
             text::count(most.active_voxels),
             text::bytes(most.bytes),
             text::bytes(most.memory_bytes),
+            text::bytes(report.least_memory_bytes),
         ),
     );
     table.row(
         "estimated",
         format!(
-            "{} active voxels, {} in the file, {} on {} (from {})",
+            "{} active voxels, {} in the file, {} of memory, {} on {} (from {})",
             text::count(estimated.active_voxels),
             text::bytes(estimated.bytes),
+            text::bytes(estimated.memory_bytes),
             text::seconds(estimated.seconds),
             text::number(report.threads as u64, "thread"),
             text::number(estimated.sampled_bricks, "brick"),
         ),
     );
+    if estimated.spooled_bytes > 0 {
+        let spooled = text::bytes(estimated.spooled_bytes);
+        table.row(
+            "on disk meanwhile",
+            format!("{spooled} beside the file, for what has no room in the memory"),
+        );
+    }
+    let ways: Vec<String> = estimated.compressions.iter().map(way).collect();
+    table.rows("compression", &ways, "none");
+    if let Some(advice) = &estimated.advice {
+        table.row("", advice);
+    }
     if explain {
         table.rows("left out", &report.left_out, "nothing");
         SamplingError::show(&report.sampling_errors, &mut table);

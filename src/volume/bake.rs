@@ -18,21 +18,23 @@
 //! which the edge takes less than its corners can show, the segment of a circle, is left to its centre: beside a tube with a
 //! radius of four voxels that is 1/48 of the cell.
 
+use std::ops::Range;
+
 use cpu_time::ThreadTime;
-use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use super::antialias::Antialias;
 use super::dispatch::{activate, evaluate_block};
-use super::{Brick, Plan, Sink, Total};
+use super::pipeline::{AHEAD, in_order};
+use super::{Brick, Encode, Plan, Sink, Total};
 use crate::field::kernel::{Counts, Places, Scratch};
 use crate::field::{Field, Region, VOXELS};
 use crate::num::Level;
 
 /// Bricks that one task evaluates and encodes as a run.
-const RUN: usize = 64;
-/// Runs that are evaluated before they are handed to the sink: bounds what is held twice.
-const BATCH: usize = 128;
+const RUN: usize = 32;
+/// Bricks a thread that are encoded and not yet in the sink, at most: those waiting, and those worked on.
+pub const IN_FLIGHT: usize = (AHEAD + 1) * RUN;
 
 /// Processor seconds of all threads together.
 #[derive(Debug, Clone, Copy, Default)]
@@ -77,9 +79,11 @@ pub struct Tally {
 /// Evaluates the plan's bricks on the current `rayon` pool and hands those with active voxels to `sink` in file order.
 ///
 /// A voxel is active where its density is above `cutoff`; others are 0. Values are then rounded to the sink's precision,
-/// which may leave an active voxel with a value at or below the cutoff. `progress` is called, on this thread, with the
-/// number of bricks done since the last call. The content hash is SHA-256 over, brick by brick, the SHA-256 of the
-/// origin (three `i32`), the mask (eight `u64`) and all 512 rounded values (`f32`), little-endian.
+/// which may leave an active voxel with a value at or below the cutoff. `progress` is called with the number of bricks
+/// done since the last call. The content hash is SHA-256 over, brick by brick, the SHA-256 of the origin (three `i32`),
+/// the mask (eight `u64`) and all 512 rounded values (`f32`), little-endian.
+///
+/// What is held at once is bounded: at most [`IN_FLIGHT`] bricks a thread are encoded and not yet in the sink.
 ///
 /// # Errors
 ///
@@ -90,22 +94,16 @@ pub fn bake<S: Sink>(
     cutoff: f64,
     level: Level,
     sink: &mut S,
-    mut progress: impl FnMut(usize),
+    mut progress: impl FnMut(usize) + Send,
 ) -> Result<(Tally, Phases), S::Error> {
     let (mut tally, mut phases, mut hash) = (Tally::default(), Phases::default(), Sha256::new());
-    let cutoff = single(cutoff);
-    let mut start = 0;
-    while start < plan.bricks() {
-        let end = plan.bricks().min(start + BATCH * RUN);
-        let runs: Vec<Done<S::Run>> = (start..end)
-            .into_par_iter()
-            .step_by(RUN)
-            .map_init(Worker::default, |worker, first| {
-                worker.run(field, plan, first..end.min(first + RUN), cutoff, level, &*sink)
-            })
-            .collect();
-        let appending = ThreadTime::now();
-        for done in runs {
+    let (cutoff, encoder) = (single(cutoff), sink.encoder());
+    let bricks = |run: usize| run * RUN..plan.bricks().min((run + 1) * RUN);
+    in_order(
+        plan.bricks().div_ceil(RUN),
+        |worker: &mut Worker, run| worker.run(field, plan, bricks(run), cutoff, level, &encoder),
+        |done: Done<_>| {
+            let appending = ThreadTime::now();
             tally.bricks += done.digests.len() as u64;
             tally.active_voxels += done.active;
             tally.clamped_voxels += done.clamped;
@@ -123,11 +121,11 @@ pub fn bake<S: Sink>(
             }
             tally.total.add(&done.total);
             sink.append(done.run)?;
-        }
-        phases.append += appending.elapsed().as_secs_f64();
-        progress(end - start);
-        start = end;
-    }
+            phases.append += appending.elapsed().as_secs_f64();
+            progress(done.bricks);
+            Ok(())
+        },
+    )?;
     tally.content_hash = hash.finalize().into();
     Ok((tally, phases))
 }
@@ -139,6 +137,8 @@ fn single(x: f64) -> f32 {
 
 /// What a task gives back.
 struct Done<Run> {
+    /// Bricks that were evaluated.
+    bricks: usize,
     run: Run,
     digests: Vec<[u8; 32]>,
     total: Total,
@@ -162,17 +162,18 @@ struct Worker {
 }
 
 impl Worker {
-    fn run<S: Sink>(
+    fn run<E: Encode>(
         &mut self,
         field: &Field,
         plan: &Plan,
-        bricks: std::ops::Range<usize>,
+        bricks: Range<usize>,
         cutoff: f32,
         level: Level,
-        sink: &S,
-    ) -> Done<S::Run> {
+        encoder: &E,
+    ) -> Done<E::Run> {
         let mut done = Done {
-            run: S::Run::default(),
+            bricks: bricks.len(),
+            run: E::Run::default(),
             digests: Vec::new(),
             total: Total::default(),
             active: 0,
@@ -205,7 +206,7 @@ impl Worker {
             let active = brick.active();
             if active > 0 {
                 done.active += u64::from(active);
-                let rounded = sink.precision().round(&mut brick.values);
+                let rounded = encoder.precision().round(&mut brick.values);
                 done.clamped += rounded.clamped as u64;
                 done.vanished += rounded.vanished as u64;
                 self.bricks.push(brick);
@@ -216,7 +217,7 @@ impl Worker {
         for brick in &self.bricks {
             done.digests.push(digest(brick));
             done.total.add_brick(brick);
-            sink.encode(brick, &mut done.run);
+            encoder.encode(brick, &mut done.run);
         }
         done.encode = evaluated.elapsed().as_secs_f64();
         done

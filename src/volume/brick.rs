@@ -29,26 +29,35 @@ impl Brick {
     }
 }
 
-/// Where bricks go: a file being written, or memory.
-pub trait Sink: Sync {
+/// What encodes bricks for a sink, on many threads at once.
+pub trait Encode: Sync {
     /// A run of encoded bricks.
     type Run: Default + Send;
-    /// What may go wrong when a run is taken in.
-    type Error;
 
     /// The precision that it keeps. Bricks come with values that it keeps as they are.
     fn precision(&self) -> Precision {
         Precision::F32
     }
 
-    /// Adds a brick with at least one active voxel to a run. Called on many threads at once.
+    /// Adds a brick with at least one active voxel to a run.
     fn encode(&self, brick: &Brick, run: &mut Self::Run);
+}
 
-    /// Takes in a run. Runs come in file order: by the first voxel of the enclosing 4096^3 block (x, then y, then z),
+/// Where bricks go: a file being written, or memory.
+pub trait Sink: Send {
+    /// What encodes its bricks.
+    type Encoder: Encode;
+    /// What may go wrong when a run is taken in.
+    type Error: Send;
+
+    /// What encodes its bricks, while others are taken in.
+    fn encoder(&self) -> Self::Encoder;
+
+    /// Takes in a run, on any thread. Runs come in file order: by the first voxel of the enclosing 4096^3 block (x, then y, then z),
     /// within it of the 128^3 block, within that of the brick.
     ///
     /// # Errors
     ///
     /// When the sink cannot hold or write the run; the bake then ends.
-    fn append(&mut self, run: Self::Run) -> Result<(), Self::Error>;
+    fn append(&mut self, run: <Self::Encoder as Encode>::Run) -> Result<(), Self::Error>;
 }

@@ -14,6 +14,7 @@ mod brick;
 mod dispatch;
 pub(crate) mod node;
 mod part;
+mod pipeline;
 mod plan;
 mod points;
 mod precision;
@@ -30,8 +31,8 @@ pub(crate) mod tree;
 mod value;
 
 pub use accessor::Accessor;
-pub use bake::{Phases, Tally, bake};
-pub use brick::{Brick, Sink};
+pub use bake::{IN_FLIGHT, Phases, Tally, bake};
+pub use brick::{Brick, Encode, Sink};
 pub use part::{NotRead, Part, PartialTree};
 pub use plan::{Plan, PlanError};
 pub use points::density_at;

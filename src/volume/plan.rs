@@ -1,5 +1,7 @@
 //! Which bricks can hold density, found before any memory for values is taken.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -24,11 +26,13 @@ pub struct Plan {
     lattice: Lattice,
     extent: Extent,
     root: [i64; 3],
-    cover: Vec<Capsule>,
+    cover: Arc<Vec<Capsule>>,
     bricks: Vec<Planned>,
     candidates: Vec<Candidate>,
     /// Whether an edge may pass through each brick; empty where that does not matter.
     edges: Vec<bool>,
+    /// Bytes that were held at once to make it, at most.
+    making: usize,
 }
 
 /// Why there is no plan.
@@ -53,16 +57,25 @@ pub enum PlanError {
     TooWide,
 }
 
-/// A contact: the key of a brick, and of a capsule that reaches it the index, times four, with two flags.
-type Contact = (u64, u32);
+/// A brick and a capsule that reaches it, as a number that sorts in file order: from the highest bits the number of the
+/// lower node, the brick in it, the capsule, and two flags. Half of what the brick's whole key and the capsule would take.
+type Contact = u64;
 /// The capsule reaches voxels' centres of the brick, and not only other places.
-const CENTRES: u32 = 1;
+const CENTRES: Contact = 1;
 /// An edge of the capsule may pass through the brick.
-const EDGE: u32 = 2;
-/// Bytes a contact takes while the plan is made: itself, its candidate, and at most one brick.
+const EDGE: Contact = 2;
+/// More capsules than this cannot be numbered.
+const MOST_CAPSULES: usize = 1 << 24;
+/// Where the brick begins, in a contact.
+const BRICK: u32 = 26;
+/// Bits that number a brick in its lower node, of 16^3.
+const IN_NODE: u32 = 12;
+/// More lower nodes than this cannot be numbered.
+const MOST_NODES: usize = 1 << (64 - BRICK - IN_NODE);
+/// Bytes that a brick takes at least until it is planned, where one capsule reaches it.
 const BYTES: usize = size_of::<Contact>() + size_of::<Candidate>() + size_of::<Planned>();
-/// Capsules whose contacts are found before they are put with the others.
-const BATCH: usize = 4096;
+/// Capsules that one task looks at.
+const CAPSULES: usize = 16;
 /// Bricks along an edge of a root node, as a power of two.
 const ROOT: u32 = 9;
 
@@ -102,7 +115,7 @@ impl Plan {
         // Within a factor of a few of the contacts: what is far beyond the budget is not worth counting.
         let estimate = field.estimate_blocks(lattice);
         #[allow(clippy::cast_precision_loss, reason = "a rough bound")]
-        if estimate * BYTES as f64 > 8.0 * budget as f64 {
+        if estimate * BYTES as f64 > 2.0 * budget as f64 {
             return Err(PlanError::TooMany { bricks: estimate });
         }
         let cover = field.cover(lattice).ok_or(PlanError::TooMany { bricks: estimate })?;
@@ -110,66 +123,55 @@ impl Plan {
             && field.is_antialiased()
             && cover.par_iter().any(|capsule| field.edges(capsule, lattice).is_some());
         let reach = if has_edges { Extent::Whole } else { extent };
-        let count: usize = cover
-            .par_iter()
-            .map(|capsule| {
-                let mut count = 0;
-                capsule.blocks(field, lattice, reach, |_| count += 1);
-                count
-            })
-            .sum();
+        let Census { counts, nodes } = Census::new(field, lattice, &cover, reach, root);
+        let count: usize = counts.iter().sum();
         #[allow(clippy::cast_precision_loss, reason = "for a message")]
         let too_many = PlanError::TooMany { bricks: count as f64 };
-        if (count * BYTES + size_of_val(cover.as_slice())) as u64 > budget || u32::try_from(count).is_err() {
+        let places = cover.len() * (size_of::<usize>() + size_of::<&mut [Contact]>());
+        let finding =
+            size_of_val(cover.as_slice()) + size_of_val(nodes.as_slice()) + count * size_of::<Contact>();
+        let fits = |bytes: usize| bytes as u64 <= budget;
+        let countable =
+            u32::try_from(count).is_ok() && nodes.len() <= MOST_NODES && cover.len() <= MOST_CAPSULES;
+        if !fits(finding + places) || !countable {
             return Err(too_many);
         }
-
-        let mut contacts: Vec<Contact> = Vec::with_capacity(count);
-        let mut capsules = 0_u32..;
-        for batch in cover.chunks(BATCH) {
-            let found: Vec<Vec<Contact>> = batch
-                .par_iter()
-                .map(|capsule| {
-                    let mut found = Vec::new();
-                    let edges = if has_edges { field.edges(capsule, lattice) } else { None };
-                    let centres = capsule.near(field, lattice, extent);
-                    capsule.near(field, lattice, reach).visit(|block, o| {
-                        let mut flags = CENTRES;
-                        if has_edges && !centres.reaches(block, o) {
-                            flags = 0;
-                        }
-                        if edges.as_ref().is_some_and(|edges| edges.may_cross(o)) {
-                            flags |= EDGE;
-                        }
-                        found.push((file_order(block, root), flags));
-                    });
-                    found
-                })
-                .collect();
-            for (found, capsule) in found.into_iter().zip(&mut capsules) {
-                // Covers have less than 2^30 capsules.
-                contacts.extend(found.into_iter().map(|(key, flags)| (key, capsule << 2 | flags)));
-            }
-        }
+        let mut contacts =
+            find_contacts(field, lattice, &cover, [extent, reach], has_edges, &counts, |block| {
+                contact_of(file_order(block, root), &nodes)
+            });
+        drop(counts);
         contacts.par_sort_unstable();
 
-        let candidates = Vec::with_capacity(count);
-        let mut plan = Plan { lattice, extent, root, cover, bricks: vec![], candidates, edges: vec![] };
-        for contacts in contacts.chunk_by(|a, b| a.0 == b.0) {
-            let crossed = contacts.iter().any(|contact| contact.1 & EDGE != 0);
-            let first = u32::try_from(plan.candidates.len()).map_err(|_| too_many)?;
-            // Elsewhere only centres matter, and what reaches them, as in a plan without edges.
-            let needed = contacts.iter().filter(|contact| crossed || contact.1 & CENTRES != 0);
-            plan.candidates.extend(needed.map(|contact| contact.1 >> 2));
-            if plan.candidates.len() > first as usize {
-                plan.bricks.push(Planned { block: block_of(contacts[0].0, root), first });
-                if has_edges {
-                    plan.edges.push(crossed);
-                }
-            }
+        let (mut bricks, mut candidates) = (0, 0);
+        each_brick(&contacts, |_, _, needed| {
+            (bricks, candidates) = (bricks + 1, candidates + needed.count());
+        });
+        let held =
+            bricks * (size_of::<Planned>() + usize::from(has_edges)) + candidates * size_of::<Candidate>();
+        if !fits(finding + held) {
+            return Err(too_many);
         }
-        plan.bricks.shrink_to_fit();
-        plan.edges.shrink_to_fit();
+        let mut plan = Plan {
+            lattice,
+            extent,
+            root,
+            cover: Arc::new(cover),
+            bricks: Vec::with_capacity(bricks),
+            candidates: Vec::with_capacity(candidates),
+            edges: Vec::with_capacity(if has_edges { bricks } else { 0 }),
+            making: finding + places.max(held),
+        };
+        each_brick(&contacts, |brick, crossed, needed| {
+            let [node, low] = [brick >> IN_NODE, brick & ((1 << IN_NODE) - 1)];
+            #[allow(clippy::cast_possible_truncation, reason = "less than 2^26 nodes, and 2^32 candidates")]
+            let (node, first) = (node as usize, plan.candidates.len() as u32);
+            plan.candidates.extend(needed);
+            plan.bricks.push(Planned { block: block_of(nodes[node] << IN_NODE | low, root), first });
+            if has_edges {
+                plan.edges.push(crossed);
+            }
+        });
         Ok(plan)
     }
 
@@ -235,17 +237,23 @@ impl Plan {
         self.edges.get(index).is_some_and(|edge| *edge)
     }
 
-    /// A plan of `count` of these bricks, or of all if there are fewer, spread evenly over their order.
+    /// A plan of `count` of these bricks, or of all if there are fewer: one from each of as many equal parts of their order, at
+    /// places in these parts that are spread evenly, too, and keep no step with rows of bricks.
     pub fn sample(&self, count: usize) -> Plan {
         let count = count.min(self.bricks());
-        // The middle of the brick's share of the order.
-        self.part((0..count).map(|number| (2 * number + 1) * self.bricks() / (2 * count)))
+        self.part((0..count).map(|number| {
+            // Multiples of the golden ratio, modulo 1.
+            let place = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
+            let at = ((number as u128) << 32 | u128::from(place)) * self.bricks() as u128
+                / ((count as u128) << 32);
+            usize::try_from(at).expect("less than the number of bricks")
+        }))
     }
 
     /// These bricks of the plan.
     fn part(&self, bricks: impl Iterator<Item = usize>) -> Plan {
-        let mut part =
-            Plan { cover: self.cover.clone(), bricks: vec![], candidates: vec![], edges: vec![], ..*self };
+        let cover = self.cover.clone();
+        let mut part = Plan { cover, bricks: vec![], candidates: vec![], edges: vec![], ..*self };
         for index in bricks {
             let first =
                 u32::try_from(part.candidates.len()).expect("no more candidates than in the whole plan");
@@ -270,6 +278,112 @@ impl Plan {
             + size_of_val(self.bricks.as_slice())
             + self.candidates.capacity() * size_of::<Candidate>()
             + size_of_val(self.edges.as_slice())
+    }
+
+    /// Bytes that were held at once to make the plan, at most; [`Plan::memory`] of them stay.
+    pub fn making(&self) -> usize {
+        self.making
+    }
+}
+
+/// What is known of contacts before they are found.
+struct Census {
+    /// Of each capsule.
+    counts: Vec<usize>,
+    /// The keys of the lower nodes that have any, sorted.
+    nodes: Vec<u64>,
+}
+
+impl Census {
+    fn new(field: &Field, lattice: Lattice, cover: &[Capsule], reach: Extent, root: [i64; 3]) -> Census {
+        let parts: Vec<(Vec<usize>, Vec<u64>)> = cover
+            .par_chunks(CAPSULES)
+            .map(|capsules| {
+                let (mut counts, mut nodes) = (Vec::with_capacity(CAPSULES), Vec::new());
+                for capsule in capsules {
+                    let mut count = 0;
+                    capsule.blocks(field, lattice, reach, |block| {
+                        count += 1;
+                        let node = file_order(block, root) >> IN_NODE;
+                        // Those of a row are mostly in one.
+                        if nodes.last() != Some(&node) {
+                            nodes.push(node);
+                        }
+                    });
+                    counts.push(count);
+                    nodes.sort_unstable();
+                    nodes.dedup();
+                }
+                nodes.shrink_to_fit();
+                (counts, nodes)
+            })
+            .collect();
+        let counts = parts.iter().flat_map(|(counts, _)| counts).copied().collect();
+        let mut nodes: Vec<u64> = parts.into_iter().flat_map(|(_, nodes)| nodes).collect();
+        nodes.par_sort_unstable();
+        nodes.dedup();
+        nodes.shrink_to_fit();
+        Census { counts, nodes }
+    }
+}
+
+/// The contacts of all capsules, of which there are so many of each. `contact` makes the brick's part of one.
+fn find_contacts(
+    field: &Field,
+    lattice: Lattice,
+    cover: &[Capsule],
+    [extent, reach]: [Extent; 2],
+    has_edges: bool,
+    counts: &[usize],
+    contact: impl Fn([i64; 3]) -> Contact + Sync,
+) -> Vec<Contact> {
+    let mut contacts: Vec<Contact> = vec![0; counts.iter().sum()];
+    let mut rest = &mut contacts[..];
+    let mut places = Vec::with_capacity(cover.len());
+    for &count in counts {
+        let (place, behind) = rest.split_at_mut(count);
+        places.push(place);
+        rest = behind;
+    }
+    places.into_par_iter().zip(cover).enumerate().for_each(|(number, (place, capsule))| {
+        let number = number as u64;
+        let edges = if has_edges { field.edges(capsule, lattice) } else { None };
+        let centres = capsule.near(field, lattice, extent);
+        let mut place = place.iter_mut();
+        capsule.near(field, lattice, reach).visit(|block, o| {
+            let mut flags = CENTRES;
+            if has_edges && !centres.reaches(block, o) {
+                flags = 0;
+            }
+            if edges.as_ref().is_some_and(|edges| edges.may_cross(o)) {
+                flags |= EDGE;
+            }
+            if let Some(place) = place.next() {
+                *place = contact(block) | number << 2 | flags;
+            }
+        });
+    });
+    contacts
+}
+
+/// The brick's part of a contact. `nodes` are the keys of all lower nodes, sorted.
+fn contact_of(key: u64, nodes: &[u64]) -> Contact {
+    let node = nodes.partition_point(|node| *node < key >> IN_NODE) as u64;
+    (node << IN_NODE | key & ((1 << IN_NODE) - 1)) << BRICK
+}
+
+/// Calls `visit` for every brick that is to be evaluated, with its part of its contacts, whether an edge may pass through
+/// it, and the capsules that it needs. `contacts` are sorted.
+fn each_brick(contacts: &[Contact], mut visit: impl FnMut(u64, bool, &mut dyn Iterator<Item = Candidate>)) {
+    for contacts in contacts.chunk_by(|a, b| a >> BRICK == b >> BRICK) {
+        let crossed = contacts.iter().any(|contact| contact & EDGE != 0);
+        // Elsewhere only centres matter, and what reaches them, as in a plan without edges.
+        let needed = |contact: &&Contact| crossed || **contact & CENTRES != 0;
+        if contacts.iter().any(|contact| needed(&contact)) {
+            #[allow(clippy::cast_possible_truncation, reason = "24 bits")]
+            let capsule = |contact: &Contact| (contact << (64 - BRICK) >> (64 - BRICK + 2)) as Candidate;
+            visit(contacts[0] >> BRICK, crossed, &mut contacts.iter().filter(needed).map(capsule));
+        }
     }
 }
 

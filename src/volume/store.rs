@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use super::{Brick, Precision, Sink};
+use super::{Brick, Encode, Precision, Sink};
 
 /// Bricks in memory, in file order.
 #[derive(Debug, Clone, Default)]
@@ -34,16 +34,25 @@ impl Store {
     }
 }
 
-impl Sink for Store {
+/// Bricks as they are, in this precision.
+impl Encode for Precision {
     type Run = Vec<Brick>;
-    type Error = Infallible;
 
     fn precision(&self) -> Precision {
-        self.precision
+        *self
     }
 
     fn encode(&self, brick: &Brick, run: &mut Vec<Brick>) {
         run.push(brick.clone());
+    }
+}
+
+impl Sink for Store {
+    type Encoder = Precision;
+    type Error = Infallible;
+
+    fn encoder(&self) -> Precision {
+        self.precision
     }
 
     fn append(&mut self, run: Vec<Brick>) -> Result<(), Infallible> {

@@ -2,15 +2,23 @@
 
 use std::convert::Infallible;
 
-use vdbake::volume::{Brick, Sink};
+use vdbake::volume::{Brick, Encode, Sink};
 
+#[derive(Clone, Copy)]
 pub(crate) struct Discard;
 
-impl Sink for Discard {
+impl Encode for Discard {
     type Run = ();
-    type Error = Infallible;
     fn encode(&self, brick: &Brick, (): &mut ()) {
         std::hint::black_box(brick);
+    }
+}
+
+impl Sink for Discard {
+    type Encoder = Discard;
+    type Error = Infallible;
+    fn encoder(&self) -> Discard {
+        *self
     }
     fn append(&mut self, (): ()) -> Result<(), Infallible> {
         Ok(())

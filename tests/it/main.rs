@@ -21,6 +21,7 @@ mod kernel;
 mod large;
 mod layers;
 mod mass;
+mod memory;
 mod noise;
 mod oracle;
 mod reader;

@@ -12,6 +12,8 @@ pub struct GridBound {
     pub masks: u64,
     /// Values of the nodes above leaves, none of them compressible.
     pub entries: u64,
+    /// Nodes above leaves: exact.
+    pub nodes: u64,
     /// Buffers of leaves, all voxels active and none of them compressible.
     pub buffers: u64,
 }
@@ -28,6 +30,7 @@ impl GridBound {
             last = Some(key);
             bound.masks += 64;
             bound.buffers += GridBound::leaf::<T>(encoder);
+            bound.nodes += u64::from(lower) + u64::from(upper);
             if lower {
                 bound.masks += 2 * 512;
                 bound.entries += encoder.largest_block::<T>(4096);

@@ -5,12 +5,10 @@ use std::io::Write;
 use super::codec::{Compression, Encoder};
 use super::file::{FileHeader, FileWriter, VdbWriteError};
 use super::grid::GridHeader;
+use super::spool::{Buffers, PIECE, Spool};
 use super::topology::Topology;
 use super::voxel::Voxel;
 use crate::volume::{Leaf, Stats, Tile};
-
-/// Encoded bytes are kept in pieces of this size, so that growing never copies what is there.
-const PIECE: usize = 4 << 20;
 
 /// A run of bricks encoded by one thread. Cleared and filled again, it allocates nothing.
 #[derive(Debug, Clone)]
@@ -42,6 +40,16 @@ impl<T> Default for EncodedBricks<T> {
 }
 
 impl<T: Voxel> EncodedBricks<T> {
+    /// Bricks that did not become tiles.
+    pub fn leaves(&self) -> usize {
+        self.bricks.iter().filter(|brick| matches!(brick, Brick::Leaf(_))).count()
+    }
+
+    /// Bytes of all leaves.
+    pub fn encoded_bytes(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// Forgets all bricks and keeps the memory.
     pub fn clear(&mut self) {
         self.bricks.clear();
@@ -74,14 +82,13 @@ impl<T: Voxel> EncodedBricks<T> {
     }
 }
 
-/// A grid in the making: topology and encoded leaves, in memory.
+/// A grid in the making: topology in memory, encoded leaves there or in a [`Spool`].
 ///
-/// Memory is about 80 bytes a leaf and 16 a tile (24 for vectors), besides the encoded bytes.
-#[derive(Debug, Clone)]
+/// [`VdbGridBuilder::topology_bytes`] says what topology takes.
 pub struct VdbGridBuilder<T = f32> {
     encoder: Encoder,
     topology: Topology<T>,
-    pieces: Vec<Vec<u8>>,
+    buffers: Buffers,
 }
 
 impl VdbGridBuilder {
@@ -92,9 +99,31 @@ impl VdbGridBuilder {
 }
 
 impl<T: Voxel> VdbGridBuilder<T> {
+    /// Bytes of encoded leaves that stay in memory whatever the spool, where there are so many.
+    pub const LEAST_MEMORY: u64 = PIECE as u64;
+
     /// A grid with no voxels, for bricks of this encoder.
     pub fn with_encoder(encoder: Encoder) -> Self {
-        Self { encoder, topology: Topology::default(), pieces: vec![] }
+        Self { encoder, topology: Topology::default(), buffers: Buffers::default() }
+    }
+
+    /// The same, which keeps at most `memory` bytes of encoded leaves in memory (but [`LEAST_MEMORY`](Self::LEAST_MEMORY) in any case), and puts those
+    /// that come then into `spool`.
+    #[must_use]
+    pub fn with_spool(self, memory: u64, spool: impl Spool + 'static) -> Self {
+        Self { buffers: Buffers::with_spool(memory, Box::new(spool)), ..self }
+    }
+
+    /// Makes room for so many leaves, so that memory is taken once; only what is used of it counts as resident.
+    #[must_use]
+    pub fn with_room(mut self, leaves: usize) -> Self {
+        self.topology.reserve(leaves);
+        self
+    }
+
+    /// Bytes that the topology of a grid takes at most that has room for just these leaves, and nodes above them.
+    pub const fn topology_bytes(leaves: u64, nodes: u64) -> u64 {
+        Topology::<T>::bytes(leaves, nodes)
     }
 
     /// The encoder that this grid's bricks must be encoded with.
@@ -107,7 +136,7 @@ impl<T: Voxel> VdbGridBuilder<T> {
     /// # Errors
     /// [`VdbWriteError::Misaligned`] and [`VdbWriteError::Order`], see [`Topology::push_leaf`]; the grid is then of no
     /// further use. [`VdbWriteError::Encoder`] where a brick of the run was encoded with another encoder than this
-    /// grid's; the grid is then as it was.
+    /// grid's; the grid is then as it was. [`VdbWriteError::Spool`] where the spool fails.
     pub fn append(&mut self, run: &EncodedBricks<T>) -> Result<(), VdbWriteError> {
         match run.encoder {
             Encoding::None => {}
@@ -120,18 +149,7 @@ impl<T: Voxel> VdbGridBuilder<T> {
                 Brick::Tile(tile) => self.topology.push_tile(*tile)?,
             }
         }
-        let mut rest = &run.bytes[..];
-        while !rest.is_empty() {
-            match self.pieces.last_mut() {
-                Some(piece) if piece.len() < PIECE => {
-                    let (head, tail) = rest.split_at(rest.len().min(PIECE - piece.len()));
-                    piece.extend(head);
-                    rest = tail;
-                }
-                _ => self.pieces.push(Vec::with_capacity(PIECE)),
-            }
-        }
-        Ok(())
+        self.buffers.push(&run.bytes)
     }
 
     /// What the grid holds so far.
@@ -141,7 +159,12 @@ impl<T: Voxel> VdbGridBuilder<T> {
 
     /// Bytes of the encoded leaves so far.
     pub fn encoded_bytes(&self) -> u64 {
-        self.pieces.iter().map(|piece| piece.len() as u64).sum()
+        self.buffers.len()
+    }
+
+    /// Those of them that are in the spool.
+    pub fn spooled_bytes(&self) -> u64 {
+        self.buffers.spooled()
     }
 }
 
@@ -156,7 +179,9 @@ pub trait WriteGrid {
 
 impl<T: Voxel> WriteGrid for VdbGridBuilder<T> {
     fn write(&self, header: &GridHeader, file: &mut FileWriter<&mut dyn Write>) -> Result<(), VdbWriteError> {
-        file.grid(header, &self.topology, self.encoder, self.encoded_bytes(), &self.pieces)
+        file.grid_with(header, &self.topology, self.encoder, self.encoded_bytes(), |out| {
+            self.buffers.write(out)
+        })
     }
 }
 

@@ -43,7 +43,8 @@ pub(super) struct Packer {
     // An input of 64 KiB would change its kind for good, and later bytes would depend on that: blocks are smaller.
     lz4: CompressTable,
     // flate2's default backend, miniz_oxide, has one code path. Those that choose hash functions by the processor's
-    // features (zlib-rs, zlib-ng) give different bytes on different machines.
+    // features (zlib-rs, zlib-ng) give different bytes on different machines. On streams as short as a leaf zlib-rs is not
+    // faster; libdeflate takes 0.6 of the time for the same size, but needs a C compiler.
     zlib: Option<Compress>,
 }
 

@@ -17,6 +17,9 @@ pub enum VdbWriteError {
     /// The output failed.
     #[error(transparent)]
     Io(#[from] io::Error),
+    /// The spool failed: it took no more, or did not give back what was put there.
+    #[error("cannot use the spool for encoded leaves")]
+    Spool(#[source] io::Error),
     /// A brick's origin is not a multiple of 8.
     #[error("brick at {origin:?}: origins are multiples of 8")]
     Misaligned {
@@ -112,6 +115,20 @@ impl<W: Write> FileWriter<W> {
         buffer_bytes: u64,
         buffers: impl IntoIterator<Item = B>,
     ) -> Result<(), VdbWriteError> {
+        self.grid_with(header, topology, encoder, buffer_bytes, |out| {
+            Ok(buffers.into_iter().try_for_each(|buffer| out.write_all(buffer.as_ref()))?)
+        })
+    }
+
+    /// The same for leaves that `buffers` writes.
+    pub(super) fn grid_with<T: Voxel>(
+        &mut self,
+        header: &GridHeader,
+        topology: &Topology<T>,
+        encoder: Encoder,
+        buffer_bytes: u64,
+        buffers: impl FnOnce(&mut dyn Write) -> Result<(), VdbWriteError>,
+    ) -> Result<(), VdbWriteError> {
         if self.names.len() == self.announced {
             return Err(VdbWriteError::GridCount);
         }
@@ -140,9 +157,7 @@ impl<W: Write> FileWriter<W> {
         self.out.write_all(&descriptor)?;
         self.out.write_all(&head)?;
         nodes.write(encoder, &mut self.out)?;
-        for buffer in buffers {
-            self.out.write_all(buffer.as_ref())?;
-        }
+        buffers(&mut self.out)?;
         if self.out.bytes != position {
             let start = position - buffer_bytes;
             return Err(VdbWriteError::BufferLength {

@@ -4,7 +4,8 @@
 //!
 //! 1. An [`Encoder`] turns a brick of 8^3 voxels into the bytes of a leaf, or finds that it is uniform or empty.
 //!    It is `Copy` and each thread fills its own [`EncodedBricks`].
-//! 2. A [`VdbGridBuilder`] takes the batches in file order ([`file_order`]), and keeps topology and encoded bytes.
+//! 2. A [`VdbGridBuilder`] takes the batches in file order ([`file_order`]), and keeps topology and encoded bytes: these up
+//!    to a limit in memory, the others in a [`Spool`].
 //! 3. [`write()`] puts the file together with exact offsets, over nothing but `Write`. A [`FileWriter`] does the same
 //!    for leaf bytes that lie elsewhere, in a spool file for instance.
 //!
@@ -31,6 +32,7 @@ mod grid;
 mod meta;
 mod read;
 mod sink;
+mod spool;
 mod topology;
 mod voxel;
 
@@ -47,6 +49,7 @@ pub use read::{
     AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Listing, Map, PartialGrid, VdbFile, VdbReadError,
     list_grids, read_info,
 };
+pub use spool::Spool;
 pub use topology::{Topology, file_order};
 pub use voxel::Voxel;
 

@@ -1,18 +1,26 @@
 //! Bricks of a bake, encoded on the threads that evaluate them.
 
-use super::{EncodedBricks, VdbGridBuilder, VdbWriteError};
-use crate::volume::{Brick, Precision, Sink};
+use super::{EncodedBricks, Encoder, VdbGridBuilder, VdbWriteError};
+use crate::volume::{Brick, Encode, Precision, Sink};
 
-impl Sink for VdbGridBuilder {
+impl Encode for Encoder {
     type Run = EncodedBricks;
-    type Error = VdbWriteError;
 
     fn precision(&self) -> Precision {
-        self.encoder().precision()
+        Encoder::precision(*self)
     }
 
     fn encode(&self, brick: &Brick, run: &mut EncodedBricks) {
-        run.push(self.encoder(), brick.origin, &brick.mask, &brick.values);
+        run.push(*self, brick.origin, &brick.mask, &brick.values);
+    }
+}
+
+impl Sink for VdbGridBuilder {
+    type Encoder = Encoder;
+    type Error = VdbWriteError;
+
+    fn encoder(&self) -> Encoder {
+        VdbGridBuilder::encoder(self)
     }
 
     fn append(&mut self, run: EncodedBricks) -> Result<(), VdbWriteError> {

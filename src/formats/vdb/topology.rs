@@ -92,6 +92,22 @@ impl<T: Voxel> Topology<T> {
         Ok(())
     }
 
+    /// Makes room for so many more leaves, and no more.
+    pub fn reserve(&mut self, leaves: usize) {
+        self.leaves.reserve_exact(leaves);
+    }
+
+    /// Bytes that leaves take, in lists that have room for just these, and nodes above them while a file is written.
+    pub(super) const fn bytes(leaves: u64, nodes: u64) -> u64 {
+        // Lists of nodes grow by doubling. Of tiles there are the fewer leaves, but their list doubles, too.
+        let leaf = if size_of::<Leaf>() > 2 * size_of::<Tile<T>>() {
+            size_of::<Leaf>()
+        } else {
+            2 * size_of::<Tile<T>>()
+        };
+        leaves * leaf as u64 + nodes * 2 * size_of::<Lower>() as u64
+    }
+
     /// What was added so far.
     pub fn stats(&self) -> Stats {
         self.nodes().stats()
