@@ -87,7 +87,7 @@ struct Report {
     warnings: Vec<String>,
     /// How far radii that are read from files may be off between their samples.
     sampling_errors: Vec<SamplingError>,
-    content_sha256: String,
+    content_hash: String,
     uuid: String,
 }
 
@@ -321,7 +321,7 @@ fn bake(
         left_out: job.field.left_out(job.lattice),
         warnings: text::warnings(job.scene.warnings()),
         sampling_errors: sampling_errors(&job.scene),
-        content_sha256: content,
+        content_hash: content,
         uuid: header.uuid.to_string(),
     })
 }

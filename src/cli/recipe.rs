@@ -106,7 +106,7 @@ impl Recipe {
             ("creator", CREATOR),
             ("vdbake_scene", &self.scene),
             ("vdbake_settings", &self.settings),
-            ("vdbake_content_sha256", content),
+            ("vdbake_content_hash", content),
         ]
         .into_iter()
         .chain(self.inputs.as_deref().map(|inputs| ("vdbake_inputs", inputs)))

@@ -226,7 +226,7 @@ fn recipe_is_in_the_file() {
     assert_eq!(info["kind"], "vdb");
     assert_eq!(info["uuid"], report["uuid"]);
     assert_eq!(info["metadata"]["vdbake_scene"], SCENE);
-    assert_eq!(info["metadata"]["vdbake_content_sha256"], report["content_sha256"]);
+    assert_eq!(info["metadata"]["vdbake_content_hash"], report["content_hash"]);
     assert_eq!(info["metadata"]["creator"], concat!("vdbake ", env!("CARGO_PKG_VERSION")));
     let settings = info["metadata"]["vdbake_settings"].as_str().expect("text");
     let settings: Value = serde_json::from_str(settings).expect("JSON");

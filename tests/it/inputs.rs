@@ -59,7 +59,7 @@ fn files_are_found_beside_the_scene_and_kept_in_the_recipe() {
     write(&folder.path().join("data/points.csv"), &POINTS.replace("0.2", "0.3"));
     let other = bake();
     assert_ne!(other["uuid"], first["uuid"]);
-    assert_ne!(other["content_sha256"], first["content_sha256"]);
+    assert_ne!(other["content_hash"], first["content_hash"]);
     // Every second radius is 0.2; those between are off by 0.1.
     let error = &first["sampling_errors"][0];
     assert_eq!(error["tube"], "tube 1");

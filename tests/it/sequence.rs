@@ -102,7 +102,7 @@ fn a_frame_is_the_scene_at_its_time() {
     lines(&folder, &["bake", "sway.toml", "--frames", "4", "-o", "frame.#.vdb"]);
     let still = folder.json(&["bake", "sway.toml", "--time", "0.3", "-o", "still.vdb"]);
     let [frame, single] = ["frame.4.vdb", "still.vdb"].map(|name| folder.json(&["info", name]));
-    assert_eq!(frame["metadata"]["vdbake_content_sha256"], still["content_sha256"]);
+    assert_eq!(frame["metadata"]["vdbake_content_hash"], still["content_hash"]);
     assert_eq!(frame["grids"], single["grids"]);
     // All that differs in the file is the frame in the settings, and the UUID, which is as long as any.
     let [frame, single] = ["frame.4.vdb", "still.vdb"].map(|name| folder.get(name).len());
