@@ -12,6 +12,9 @@ use crate::scene::Space;
 /// a voxel in them.
 const FINEST: f64 = 524_288.0;
 
+/// What rounding to single precision may add to a sum of octaves, relative to its size: 32 octaves and their own errors.
+const ROUNDING: f64 = 1e-5;
+
 /// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.
 const SURE: f64 = 1e-4;
 
@@ -99,7 +102,7 @@ impl Place {
             }
             fades |= fade.is_some();
             let octave = noise::Octave::turned(at, steps, octave.period, sum.form, octave.seed, amplitude);
-            region.octaves.push(region::Octave { octave, fade });
+            region.octaves.push(region::Octave { octave, fade, hopeless: None });
         }
         Sum {
             octaves: [start, region.octaves.len()],
@@ -109,6 +112,22 @@ impl Place {
             displaces: None,
             displaced: [false; 3],
         }
+    }
+}
+
+/// Finds below which values a sum that is compared with a threshold need not be carried on.
+pub(super) fn give_up<T: Scalar>(threshold: f64, sum: &Sum<T>, octaves: &mut [region::Octave<T>]) {
+    let octaves = &mut octaves[sum.octaves[0]..sum.octaves[1]];
+    let ranges = || octaves.iter().map(|octave| octave.octave.range());
+    let size: f64 = ranges().map(|[low, high]| low.abs().max(high.abs())).sum();
+    let mut least = sum.mean.to_f64() + ranges().map(|range| range[0]).sum::<f64>();
+    // What single precision may add to a sum of this size.
+    let mut stop = threshold - ROUNDING * (size + sum.mean.to_f64().abs() + threshold.abs());
+    for k in (1..octaves.len()).rev() {
+        let [low, high] = octaves[k].octave.range();
+        least -= low;
+        stop -= high;
+        octaves[k - 1].hopeless = (least < stop).then(|| T::from_f64(stop));
     }
 }
 

@@ -1,6 +1,7 @@
 //! Feet: where each voxel of a block has its nearest place on a piece of an axis.
 
 use super::kernel::{Places, Scratch};
+use super::near::holds;
 use super::region::{FOOT, Piece, ROWS, U, V};
 use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
@@ -130,12 +131,14 @@ impl<R: Real> Equation<R> {
     }
 }
 
-/// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle.
+/// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle. Of
+/// the rows `near` only.
 #[inline(always)]
 pub(super) fn newton<R: Real, const CUBIC: bool>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     scratch: &mut Scratch<R::Scalar>,
 ) -> bool {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -145,6 +148,9 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     let tolerance = R::splat(token, piece.tolerance);
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
+        if !holds::<R>(near, index) {
+            continue;
+        }
         rows.go(token, index);
         let equation = Equation::new(token, &rows);
         let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
@@ -172,7 +178,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     true
 }
 
-/// Feet by bisection: where the equation changes from negative to positive along the piece, if it does.
+/// Feet by bisection, of the rows `near`: where the equation changes from negative to positive along the piece, if it does.
 ///
 /// For certified pieces that is the one foot. Uncertified ones are so short that of two feet either stands for both.
 #[inline(always)]
@@ -180,6 +186,7 @@ pub(super) fn bracket<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     scratch: &mut Scratch<R::Scalar>,
 ) {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -188,6 +195,9 @@ pub(super) fn bracket<R: Real>(
     let one = R::constant(token, 1.0);
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
+        if !holds::<R>(near, index) {
+            continue;
+        }
         rows.go(token, index);
         let equation = Equation::new(token, &rows);
         let (at_lo, slope_lo) = equation.at::<true>(ends[0]);

@@ -11,6 +11,7 @@ use super::VOXELS;
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
+use super::near::{self, holds};
 use super::region::{FOOT, Piece, Region, SECOND, Search, U, V};
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
@@ -125,19 +126,32 @@ pub fn evaluate<R: Real>(
             join::open(&mut scratch.joint);
         }
         for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
+            let rows = match places {
+                Places::Centres => near::rows::<R>(token, &piece.near, &scratch.numbers),
+                Places::Points(_) => u64::MAX,
+            };
+            let searched = lanes_of::<R>(rows);
+            counts.searched += searched;
             let packed = match piece.search {
-                Search::Point { is_corner } => at_point::<R>(token, piece, places, is_corner, apart, scratch),
+                _ if rows == 0 => continue,
+                Search::Point { is_corner } => {
+                    at_point::<R>(token, piece, places, rows, is_corner, apart, scratch)
+                }
                 Search::Newton { .. } | Search::Bracket => {
                     let settled = match piece.search {
-                        Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, scratch),
-                        Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, scratch),
+                        Search::Newton { cubic: false } => {
+                            newton::<R, false>(token, piece, places, rows, scratch)
+                        }
+                        Search::Newton { cubic: true } => {
+                            newton::<R, true>(token, piece, places, rows, scratch)
+                        }
                         _ => false,
                     };
                     if !settled {
-                        counts.bisected += VOXELS as u64;
-                        bracket::<R>(token, piece, places, scratch);
+                        counts.bisected += searched;
+                        bracket::<R>(token, piece, places, rows, scratch);
                     }
-                    coordinates::<R>(token, piece, places, apart, scratch)
+                    coordinates::<R>(token, piece, places, rows, apart, scratch)
                 }
             };
             if piece.in_world {
@@ -149,7 +163,6 @@ pub fn evaluate<R: Real>(
             } else {
                 join::larger::<R>(token, scratch, values);
             }
-            counts.searched += VOXELS as u64;
             counts.inside += packed as u64;
         }
         if let Some(rule) = region.join {
@@ -162,12 +175,25 @@ pub fn evaluate<R: Real>(
     counts
 }
 
-/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number.
+/// Lanes of the batches that have voxels of these rows.
+#[inline(always)]
+fn lanes_of<R: Real>(rows: u64) -> u64 {
+    let mut lanes = 0;
+    for index in (0..VOXELS).step_by(R::LANES) {
+        if holds::<R>(rows, index) {
+            lanes += R::LANES as u64;
+        }
+    }
+    lanes
+}
+
+/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the rows `near` only.
 #[inline(always)]
 fn coordinates<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
@@ -176,9 +202,12 @@ fn coordinates<R: Real>(
     let one = R::constant(token, 1.0);
     let mut packed = 0;
     for index in (0..VOXELS).step_by(R::LANES) {
+        scratch.inside[index / R::LANES] = 0;
+        if !holds::<R>(near, index) {
+            continue;
+        }
         let eta = R::load(token, &scratch.eta[index..]);
         let in_range = R::and(lo.le(eta), eta.le(hi));
-        scratch.inside[index / R::LANES] = 0;
         if R::bitmask(in_range) == 0 {
             continue;
         }
@@ -228,6 +257,7 @@ fn at_point<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     is_corner: bool,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
@@ -238,6 +268,10 @@ fn at_point<R: Real>(
     let radius = R::splat(token, piece.radius[0]);
     let mut packed = 0;
     for index in (0..VOXELS).step_by(R::LANES) {
+        scratch.inside[index / R::LANES] = 0;
+        if !holds::<R>(near, index) {
+            continue;
+        }
         rows.go(token, index);
         let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
         let beyond = rows.row(token, FOOT);

@@ -118,6 +118,11 @@ pub(super) fn fractal<R: Real>(
                 value = octave.octave.faded(token, value, weight);
             }
             total = total + value;
+            if let Some(hopeless) = octave.hopeless
+                && R::bitmask(R::splat(token, hopeless).le(total)) == 0
+            {
+                break;
+            }
         }
         if let Some((axis, reach)) = sum.displaces {
             let moved = R::load(token, &own[axis][first..]) + total * R::splat(token, reach);

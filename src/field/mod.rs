@@ -115,6 +115,7 @@ mod join;
 pub mod kernel;
 mod layers;
 mod narrow;
+mod near;
 mod pattern;
 mod radius;
 mod region;

@@ -3,7 +3,8 @@
 use glam::DVec3;
 
 use super::cover::{Capsule, Reach, support};
-use super::detail::Place;
+use super::detail::{Place, give_up};
+use super::near::Near;
 use super::region::{self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, U, V, round};
 use super::span::Span;
 use super::tube::{self, CORNER, PointKind, Tube};
@@ -273,6 +274,7 @@ impl Field {
         });
         let is_full = tube.conserve == Conserve::Full;
         region.pieces.push(Piece {
+            near: Near::piece(&q, range, interval.radius / h, interval.certified),
             search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket },
             base: round(base),
             slope: slope.map(round),
@@ -355,7 +357,9 @@ impl Field {
         });
         let mut radius = [0.0; TERMS];
         radius[0] = section.radius / block.h;
+        let centre = (section.centre - block.centre) * (1.0 / block.h);
         region.pieces.push(Piece {
+            near: Near::point(centre, section.radius / block.h, base[FOOT], rows[2] * block.h),
             search,
             base: round(base),
             slope: slope.map(round),
@@ -401,6 +405,9 @@ impl Field {
                     kind
                 }
             };
+            if let (Some(threshold), LayerKind::Perlin { sums, .. }) = (layer.threshold, &kind) {
+                give_up(threshold, &region.sums[sums[1] - 1], &mut region.octaves);
+            }
             let threshold = layer.threshold.map(T::from_f64);
             region.layers.push(Layer {
                 op: layer.op,

@@ -1,5 +1,6 @@
 //! What a block of voxels needs of a field, re-centred on the block.
 
+use super::near::Near;
 use crate::noise;
 use crate::num::Scalar;
 use crate::num::poly::TERMS;
@@ -78,6 +79,8 @@ pub(crate) enum Search {
 /// `0 = row[FOOT] + row[FOOT + 1] eta + row[FOOT + 2] eta^2 + foot[0] eta^3 + ...`.
 #[derive(Debug, Clone)]
 pub(crate) struct Piece<T> {
+    /// Where its feet's voxels are.
+    pub(crate) near: Near<T>,
     pub(crate) search: Search,
     pub(crate) base: [T; ROWS],
     pub(crate) slope: [[T; ROWS]; 3],
@@ -155,6 +158,9 @@ pub(crate) struct Octave<T> {
     pub(crate) octave: noise::Octave<T>,
     /// log2 of its frequency over the first octave's, where its weight is not 1 all over the piece.
     pub(crate) fade: Option<T>,
+    /// A sum, up to this octave, below this stays below the layer's threshold whatever the octaves after it add; `None`
+    /// where it cannot come so low.
+    pub(crate) hopeless: Option<T>,
 }
 
 /// Rounds an array.

@@ -1,0 +1,121 @@
+//! Which rows of a block's voxels may have feet on a piece of an axis: the others are not searched.
+
+use glam::DVec3;
+
+use super::EDGE;
+use super::region::round;
+use crate::num::poly::evaluate;
+use crate::num::{Real, Scalar};
+
+/// Half the distance between the ends of a row of voxels' centres.
+const HALF_ROW: f64 = 3.5;
+/// How far past its bounds a voxel must be to be left out, in voxels and relative to its distance: well beyond what single
+/// precision makes of a foot's place, here and in the search.
+const SLACK: f64 = 0.05;
+const RELATIVE: f64 = 1e-5;
+
+/// Bounds of the voxels that have feet on a piece, or a point. Lengths are in voxels and positions from the block's centre.
+#[derive(Debug, Clone)]
+pub(crate) struct Near<T> {
+    /// A straight line that the piece keeps close to: a point of it, and its direction; for a point, that and 0.
+    centre: [T; 3],
+    along: [T; 3],
+    /// A voxel with a foot on the piece is, squared, no farther from the line.
+    reach: T,
+    /// 1 over the square of what a step of one voxel along z takes a voxel away from the line, and that square.
+    away: [T; 2],
+    /// At the row (x, y), `start[0] + start[1] x + start[2] y` is at most 0 where the foot of one of its voxels may lie
+    /// past the piece's start, and the same of `end` at least 0 where before its end.
+    start: [T; 3],
+    end: [T; 3],
+}
+
+impl<T: Scalar> Near<T> {
+    /// Of the piece `q` of degree 3 on `range`, with the tube's largest radius there.
+    pub(super) fn piece(q: &[DVec3; 4], range: [f64; 2], radius: f64, is_certified: bool) -> Near<T> {
+        let along = q[1].normalize_or_zero();
+        // The rest of the polynomial lies between 0 and 1 times q[2], give or take q[3].
+        let most = range[0].abs().max(range[1].abs());
+        let [bend, third] = [q[2], q[3]].map(|c| c - along * c.dot(along));
+        let strays = (0.5 * most * bend.length() + most * most * third.length()) * most;
+        let mut near = Near::line(q[0] + bend * (0.5 * most * most), along, radius + strays);
+        // Every voxel of the tube has at most one foot on a certified piece: g' > 0.
+        if is_certified {
+            let plane = |eta: f64, side: f64| {
+                let at = evaluate(q, eta);
+                let d1 = q[1] + (q[2] * 2.0 + q[3] * (3.0 * eta)) * eta;
+                let slack = d1.length() * (SLACK + RELATIVE * (at.length() + radius));
+                [at.dot(d1) + side * (HALF_ROW * d1.z.abs() + slack), -d1.x, -d1.y]
+            };
+            near.start = round(plane(range[0], -1.0));
+            near.end = round(plane(range[1], 1.0));
+        }
+        near
+    }
+
+    /// Of a point in whose half space the voxels with `plane[0] + plane[1..] . x > 0` are.
+    pub(super) fn point(centre: DVec3, radius: f64, plane: f64, normal: DVec3) -> Near<T> {
+        let slack = normal.length() * (SLACK + RELATIVE * (centre.length() + radius));
+        Near {
+            end: round([plane + HALF_ROW * normal.z.abs() + slack, normal.x, normal.y]),
+            ..Near::line(centre, DVec3::ZERO, radius)
+        }
+    }
+
+    fn line(centre: DVec3, along: DVec3, radius: f64) -> Near<T> {
+        let reach = radius * (1.0 + RELATIVE) + SLACK + RELATIVE * centre.length();
+        let away = 1.0 - along.z * along.z;
+        Near {
+            centre: round(centre.into()),
+            along: round(along.into()),
+            reach: T::from_f64(reach * reach),
+            away: round([if away > 1e-6 { 1.0 / away } else { 0.0 }, away]),
+            start: round([-1.0, 0.0, 0.0]),
+            end: round([1.0, 0.0, 0.0]),
+        }
+    }
+}
+
+/// The rows that may hold such voxels: bit `8 x + y` of the row at (x, y).
+#[inline(always)]
+#[allow(clippy::cast_precision_loss, reason = "indices below 64")]
+pub(super) fn rows<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers: &[R::Scalar]) -> u64 {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, HALF_ROW));
+    let number = R::load(token, numbers);
+    let lane_x = (number * R::constant(token, 0.125)).floor();
+    let lane_y = number - lane_x * R::constant(token, 8.0);
+    let [along_x, along_y, along_z] = near.along.map(|a| R::splat(token, a));
+    let from_z = -R::splat(token, near.centre[2]);
+    let mut rows = 0;
+    for first in (0..EDGE * EDGE).step_by(R::LANES) {
+        let x = lane_x + R::constant(token, (first / EDGE) as f64 - 3.5);
+        let y = lane_y + R::constant(token, (first % EDGE) as f64 - 3.5);
+        // From the line, across it, to the middle of the row, and on to the nearest of the row's places.
+        let (from_x, from_y) = (x - R::splat(token, near.centre[0]), y - R::splat(token, near.centre[1]));
+        let past = from_x * along_x + from_y * along_y + from_z * along_z;
+        let (x_off, y_off, z_off) =
+            (from_x - past * along_x, from_y - past * along_y, from_z - past * along_z);
+        let z = (zero - z_off * R::splat(token, near.away[0])).within(-half, half);
+        let distance = x_off * x_off
+            + y_off * y_off
+            + z_off * z_off
+            + z * (z_off + z_off + z * R::splat(token, near.away[1]));
+        let start = plane(token, &near.start, x, y);
+        let end = plane(token, &near.end, x, y);
+        let outside = R::or(R::splat(token, near.reach).lt(distance), R::or(zero.lt(start), end.lt(zero)));
+        rows |= u64::from(R::bitmask(R::not(outside))) << first;
+    }
+    rows
+}
+
+#[inline(always)]
+fn plane<R: Real>(token: R::Token, plane: &[R::Scalar; 3], x: R, y: R) -> R {
+    R::splat(token, plane[0]) + x * R::splat(token, plane[1]) + y * R::splat(token, plane[2])
+}
+
+/// Whether the batch that begins at voxel `index` has voxels of these rows.
+#[inline(always)]
+pub(super) fn holds<R: Real>(rows: u64, index: usize) -> bool {
+    let batch = if R::LANES > EDGE { (1 << (R::LANES / EDGE)) - 1 } else { 1 };
+    rows >> (index / EDGE) & batch != 0
+}
