@@ -25,6 +25,9 @@ pub(super) struct Rows<'a, R: Real> {
     /// Voxel centres of a batch from its first, in y and z: batches are whole rows of z, or parts of one.
     y: R,
     z: R,
+    /// The plane of x that the batch lies in, and the table where it crosses the block's axis.
+    plane: usize,
+    in_plane: [R::Scalar; ROWS],
     /// The table at the batch's first voxel.
     first: [R::Scalar; ROWS],
     /// What each lane adds to it.
@@ -43,7 +46,16 @@ impl<'a, R: Real> Rows<'a, R> {
         let number = R::load(token, numbers);
         let y = (number * R::constant(token, 0.125)).floor();
         let z = number - y * R::constant(token, 8.0);
-        let mut rows = Rows { piece, places, y, z, first: piece.base, lanes: [zero; ROWS] };
+        let mut rows = Rows {
+            piece,
+            places,
+            y,
+            z,
+            plane: usize::MAX,
+            in_plane: piece.base,
+            first: piece.base,
+            lanes: [zero; ROWS],
+        };
         for k in 0..ROWS {
             let (along_y, along_z) = (R::splat(token, piece.slope[1][k]), R::splat(token, piece.slope[2][k]));
             rows.lanes[k] = rows.y * along_y + rows.z * along_z;
@@ -62,11 +74,18 @@ impl<'a, R: Real> Rows<'a, R> {
         let slope = &self.piece.slope;
         match self.places {
             Places::Centres => {
-                let x = R::Scalar::from_f64((index / (EDGE * EDGE)) as f64 - 3.5);
+                let plane = index / (EDGE * EDGE);
+                if plane != self.plane {
+                    let x = R::Scalar::from_f64(plane as f64 - 3.5);
+                    for k in 0..ROWS {
+                        self.in_plane[k] = self.piece.base[k] + slope[0][k] * x;
+                    }
+                    self.plane = plane;
+                }
                 let y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
                 let z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
                 for k in 0..ROWS {
-                    self.first[k] = self.piece.base[k] + slope[0][k] * x + slope[1][k] * y + slope[2][k] * z;
+                    self.first[k] = self.in_plane[k] + slope[1][k] * y + slope[2][k] * z;
                 }
             }
             Places::Points([x, y, z]) => {
@@ -167,7 +186,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
             // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
             let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
             if R::bitmask(open) == 0 {
-                R::select(settled, eta, no_foot).store(&mut scratch.eta[index..]);
+                R::select(settled, eta, no_foot).store(scratch.eta.from_mut(index));
                 break;
             }
             if steps == MOST_STEPS {
@@ -231,11 +250,11 @@ pub(super) fn bracket<R: Real>(
             changes = R::and(g_lo.le(zero), zero.le(g_hi));
         }
         if R::bitmask(changes) == 0 {
-            no_foot.store(&mut scratch.eta[index..]);
+            no_foot.store(scratch.eta.from_mut(index));
             continue;
         }
         let foot = zero_between(token, &equation, [lo, hi]);
-        R::select(changes, foot, no_foot).store(&mut scratch.eta[index..]);
+        R::select(changes, foot, no_foot).store(scratch.eta.from_mut(index));
     }
 }
 

@@ -30,40 +30,68 @@ pub enum Places<'a, T> {
     Points([&'a [T; VOXELS]; 3]),
 }
 
+/// A number for every voxel of a block, and room for the rest of a batch.
+#[derive(Debug, Clone)]
+pub(super) struct Lanes<T>(Box<[T; ROOM]>);
+
+impl<T: Scalar> Default for Lanes<T> {
+    fn default() -> Lanes<T> {
+        Lanes(Box::new([T::default(); ROOM]))
+    }
+}
+
+impl<T> Lanes<T> {
+    /// From voxel number `first`, below 512, on: the compiler sees that a batch fits.
+    #[inline(always)]
+    pub(super) fn from(&self, first: usize) -> &[T] {
+        &self.0[first % VOXELS..]
+    }
+
+    #[inline(always)]
+    pub(super) fn from_mut(&mut self, first: usize) -> &mut [T] {
+        &mut self.0[first % VOXELS..]
+    }
+
+    /// All of them.
+    pub(super) fn all(&self) -> &[T] {
+        &self.0[..VOXELS]
+    }
+}
+
 /// Memory for one thread's evaluation.
 #[derive(Debug, Clone)]
 pub struct Scratch<T> {
-    pub(super) eta: Vec<T>,
-    pub(super) u: Vec<T>,
-    pub(super) v: Vec<T>,
-    pub(super) height: Vec<T>,
-    pub(super) weight: Vec<T>,
+    pub(super) eta: Lanes<T>,
+    pub(super) u: Lanes<T>,
+    pub(super) v: Lanes<T>,
+    pub(super) height: Lanes<T>,
+    pub(super) weight: Lanes<T>,
     /// Voxels inside, a word for each batch of lanes.
-    pub(super) inside: Vec<u32>,
+    pub(super) inside: Box<[u32; VOXELS]>,
     /// Radius and squared distance to the axis over it: only where octaves fade or feet are told apart.
-    pub(super) radius: Vec<T>,
-    pub(super) q: Vec<T>,
+    pub(super) radius: Lanes<T>,
+    pub(super) q: Lanes<T>,
     /// The focal fade: only where feet are told apart.
-    pub(super) focal: Vec<T>,
+    pub(super) focal: Lanes<T>,
     pub(super) joint: Joint<T>,
     /// Place in voxels from the block's centre: only where layers ask for it.
-    pub(super) place: [Vec<T>; 3],
+    pub(super) place: [Lanes<T>; 3],
     /// The coordinates of a layer where its warp displaces them.
-    pub(super) displaced: [Vec<T>; 3],
+    pub(super) displaced: [Lanes<T>; 3],
     /// 0, 1, ... 15.
     pub(super) numbers: Vec<T>,
 }
 
 impl<T: Scalar> Default for Scratch<T> {
     fn default() -> Scratch<T> {
-        let room = || vec![T::default(); ROOM];
+        let room = Lanes::default;
         Scratch {
             eta: room(),
             u: room(),
             v: room(),
             height: room(),
             weight: room(),
-            inside: vec![0; VOXELS],
+            inside: Box::new([0; VOXELS]),
             radius: room(),
             q: room(),
             focal: room(),
@@ -206,7 +234,7 @@ fn coordinates<R: Real>(
         if !holds::<R>(near, index) {
             continue;
         }
-        let eta = R::load(token, &scratch.eta[index..]);
+        let eta = R::load(token, scratch.eta.from(index));
         let in_range = R::and(lo.le(eta), eta.le(hi));
         if R::bitmask(in_range) == 0 {
             continue;
@@ -238,11 +266,11 @@ fn coordinates<R: Real>(
             }
         }
         if piece.fades || apart {
-            along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
-            q.compress(inside).store(&mut scratch.q[packed..]);
+            along(token, &piece.radius, eta).compress(inside).store(scratch.radius.from_mut(packed));
+            q.compress(inside).store(scratch.q.from_mut(packed));
         }
         if apart {
-            fade.compress(inside).store(&mut scratch.focal[packed..]);
+            fade.compress(inside).store(scratch.focal.from_mut(packed));
         }
         let [u, v] = turned(token, piece, [u, v], height);
         pack(scratch, packed, inside, [u, v, height, weight]);
@@ -293,11 +321,11 @@ fn at_point<R: Real>(
             weight = weight * R::splat(token, gain[0]);
         }
         if piece.fades || apart {
-            radius.store(&mut scratch.radius[packed..]);
-            q.compress(inside).store(&mut scratch.q[packed..]);
+            radius.store(scratch.radius.from_mut(packed));
+            q.compress(inside).store(scratch.q.from_mut(packed));
         }
         if apart {
-            one.store(&mut scratch.focal[packed..]);
+            one.store(scratch.focal.from_mut(packed));
         }
         let [u, v] = turned(token, piece, [u, v], zero);
         pack(scratch, packed, inside, [u, v, zero, weight]);
@@ -308,10 +336,10 @@ fn at_point<R: Real>(
 
 #[inline(always)]
 fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, lanes: [R; 4]) {
-    lanes[0].compress(inside).store(&mut scratch.u[packed..]);
-    lanes[1].compress(inside).store(&mut scratch.v[packed..]);
-    lanes[2].compress(inside).store(&mut scratch.height[packed..]);
-    lanes[3].compress(inside).store(&mut scratch.weight[packed..]);
+    lanes[0].compress(inside).store(scratch.u.from_mut(packed));
+    lanes[1].compress(inside).store(scratch.v.from_mut(packed));
+    lanes[2].compress(inside).store(scratch.height.from_mut(packed));
+    lanes[3].compress(inside).store(scratch.weight.from_mut(packed));
 }
 
 #[inline(always)]

@@ -43,7 +43,7 @@ const ROUNDING: f64 = 3e-7;
 
 /// An interval of t with the largest radius on it.
 #[derive(Debug, Clone, Copy)]
-struct Interval {
+pub(crate) struct Interval {
     t: [f64; 2],
     radius: f64,
     /// Holds at most one foot of every voxel of the block.
@@ -140,9 +140,10 @@ impl Field {
     fn interval<T: Scalar>(&self, tube: &Tube, capsule: &Capsule, block: Block, region: &mut Region<T>) {
         let segment = &tube.curve.segments()[capsule.part as usize];
         let whole = Interval { t: capsule.t, radius: capsule.radius, certified: false };
-        let mut found = Vec::new();
+        let mut found = std::mem::take(&mut region.intervals);
+        found.clear();
         refine(segment, whole, block, 0, &mut found);
-        for interval in found {
+        for &interval in &found {
             if interval.certified {
                 if let Some(interval) = clip(segment, interval, block) {
                     self.spans(tube, capsule.part as usize, interval, block, region);
@@ -151,6 +152,7 @@ impl Field {
                 self.spans(tube, capsule.part as usize, interval, block, region);
             }
         }
+        region.intervals = found;
     }
 
     /// Lays the interval over one span if one holds all of it, else over each that holds a part of it.
@@ -246,7 +248,8 @@ impl Field {
         let s = [-1.0, 1.0].map(|eta| span.arc_middle + evaluate(&arc, eta));
         let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
 
-        let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
+        let bounds = Bounds::new(segment_of(tube, segment), interval, block);
+        let is_hard = !interval.certified || bounds.focal() < FOCAL;
         let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
@@ -274,13 +277,13 @@ impl Field {
         });
         let is_full = tube.conserve == Conserve::Full;
         region.pieces.push(Piece {
-            near: Near::piece(&q, range, interval.radius / h, interval.certified),
+            near: Near::piece(&q, range, &radius, interval.certified),
             search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket },
             base: round(base),
             slope: slope.map(round),
             foot: round([g[3], g[4], g[5]]),
             range: round(range),
-            tolerance: T::from_f64(settled_step(segment_of(tube, segment), interval, block) / voxels),
+            tolerance: T::from_f64(bounds.settled_step() / voxels),
             height: round(height),
             turns: turns(tube, arc_middle),
             radius: round(radius),
@@ -422,7 +425,7 @@ impl Field {
 
 /// Sorts the pieces along the axis, each with its arc length from that of the first; a closed axis is cut opposite to that.
 fn order<T: Scalar>(tube: &Tube, h: f64, parts: &[Part], pieces: &mut [Piece<T>]) {
-    let Some(first) = parts.first() else { return };
+    let [first, _, ..] = parts else { return };
     let length = tube.curve.length();
     for (piece, part) in pieces.iter_mut().zip(parts) {
         let mut arc = part.arc - first.arc;
@@ -524,26 +527,41 @@ fn least_slope(reach: &Reach, block: Block, distance: f64) -> f64 {
     here - reach.half * (3.0 * reach.speed * reach.bend + (distance + reach.half * reach.speed) * reach.third)
 }
 
-/// A lower bound of `1 - kappa rho cos` over an interval and the block.
-fn focal_bound(segment: &Segment, interval: Interval, block: Block) -> f64 {
-    let reach = Reach::new(segment, interval.t);
-    let distance = interval.radius + 2.0 * reach.half * reach.speed;
-    let bound = least_slope(&reach, block, distance) / (reach.speed * reach.speed);
-    if bound.is_nan() { 0.0 } else { bound }
+/// Bounds over an interval and those voxels of the block that may have feet there.
+struct Bounds {
+    reach: Reach,
+    h: f64,
+    /// Largest distance of such a voxel from the middle of the interval.
+    distance: f64,
+    /// Least g'.
+    slope: f64,
 }
 
-/// The Newton step, in voxels, after which the foot is within 1e-5 voxels: each step's error is at most `M / (2 G)` times
-/// the square of the last's, with M the largest |g''| and G the smallest g'.
-fn settled_step(segment: &Segment, interval: Interval, block: Block) -> f64 {
-    const ERROR: f64 = 1e-5;
-    let reach = Reach::new(segment, interval.t);
-    let distance = interval.radius + 2.0 * reach.half * reach.speed;
-    let least = least_slope(&reach, block, distance).max(CERTAIN * reach.speed * reach.speed);
-    let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
-    let step = (ERROR * 2.0 * least * reach.speed / (most * block.h).max(f64::MIN_POSITIVE)).sqrt();
-    // Single precision resolves a foot to about this much.
-    let floor = 2e-7 * (1.0 + distance / block.h);
-    step.min(0.1).max(floor)
+impl Bounds {
+    fn new(segment: &Segment, interval: Interval, block: Block) -> Bounds {
+        let reach = Reach::new(segment, interval.t);
+        let distance = interval.radius + 2.0 * reach.half * reach.speed;
+        Bounds { reach, h: block.h, distance, slope: least_slope(&reach, block, distance) }
+    }
+
+    /// A lower bound of `1 - kappa rho cos`.
+    fn focal(&self) -> f64 {
+        let bound = self.slope / (self.reach.speed * self.reach.speed);
+        if bound.is_nan() { 0.0 } else { bound }
+    }
+
+    /// The Newton step, in voxels, after which the foot is within 1e-5 voxels: each step's error is at most `M / (2 G)`
+    /// times the square of the last's, with M the largest |g''| and G the smallest g'.
+    fn settled_step(&self) -> f64 {
+        const ERROR: f64 = 1e-5;
+        let (reach, distance, h) = (&self.reach, self.distance, self.h);
+        let least = self.slope.max(CERTAIN * reach.speed * reach.speed);
+        let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
+        let step = (ERROR * 2.0 * least * reach.speed / (most * h).max(f64::MIN_POSITIVE)).sqrt();
+        // Single precision resolves a foot to about this much.
+        let floor = 2e-7 * (1.0 + distance / h);
+        step.min(0.1).max(floor)
+    }
 }
 
 /// Shortens a certified interval to the feet of the block's voxels; `None` where it holds none.

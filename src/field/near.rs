@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::EDGE;
 use super::region::round;
-use crate::num::poly::evaluate;
+use crate::num::poly::{TERMS, evaluate};
 use crate::num::{Real, Scalar};
 
 /// Half the distance between the ends of a row of voxels' centres.
@@ -20,8 +20,9 @@ pub(crate) struct Near<T> {
     /// A straight line that the piece keeps close to: a point of it, and its direction; for a point, that and 0.
     centre: [T; 3],
     along: [T; 3],
-    /// A voxel with a foot on the piece is, squared, no farther from the line.
-    reach: T,
+    /// A voxel with a foot on the piece is no farther from the line than `reach[0] + reach[1] t`, where it lies `t` along the
+    /// line from its point, nor than `reach[2]`.
+    reach: [T; 3],
     /// 1 over the square of what a step of one voxel along z takes a voxel away from the line, and that square.
     away: [T; 2],
     /// At the row (x, y), `start[0] + start[1] x + start[2] y` is at most 0 where the foot of one of its voxels may lie
@@ -31,24 +32,45 @@ pub(crate) struct Near<T> {
 }
 
 impl<T: Scalar> Near<T> {
-    /// Of the piece `q` of degree 3 on `range`, with the tube's largest radius there.
-    pub(super) fn piece(q: &[DVec3; 4], range: [f64; 2], radius: f64, is_certified: bool) -> Near<T> {
+    /// Of the piece `q` of degree 3 on `range`, of the radius `radius` there.
+    pub(super) fn piece(
+        q: &[DVec3; 4],
+        range: [f64; 2],
+        radius: &[f64; TERMS],
+        is_certified: bool,
+    ) -> Near<T> {
         let along = q[1].normalize_or_zero();
-        // The rest of the polynomial lies between 0 and 1 times q[2], give or take q[3].
         let most = range[0].abs().max(range[1].abs());
         let [bend, third] = [q[2], q[3]].map(|c| c - along * c.dot(along));
+        // Across the line the piece lies between 0 and most^2 times `bend`, give or take most^3 `third`.
         let strays = (0.5 * most * bend.length() + most * most * third.length()) * most;
-        let mut near = Near::line(q[0] + bend * (0.5 * most * most), along, radius + strays);
+        let [level, slope] = [radius[0], radius[1]];
+        let varies: f64 =
+            radius[2..].iter().map(|r| r.abs()).sum::<f64>() * (1.0 + 6.0 * (most - 1.0).max(0.0));
+        let largest = level + slope.abs() * most + varies;
+        let centre = q[0] + bend * (0.5 * most * most);
+        let mut near = Near::line(centre, along, largest + strays);
         // Every voxel of the tube has at most one foot on a certified piece: g' > 0.
         if is_certified {
             let plane = |eta: f64, side: f64| {
                 let at = evaluate(q, eta);
                 let d1 = q[1] + (q[2] * 2.0 + q[3] * (3.0 * eta)) * eta;
-                let slack = d1.length() * (SLACK + RELATIVE * (at.length() + radius));
+                let slack = d1.length() * (SLACK + RELATIVE * (at.length() + largest));
                 [at.dot(d1) + side * (HALF_ROW * d1.z.abs() + slack), -d1.x, -d1.y]
             };
             near.start = round(plane(range[0], -1.0));
             near.end = round(plane(range[1], 1.0));
+            // A voxel lies as far along the line as its foot but for what the piece leans, and the foot but for how unevenly
+            // the piece runs.
+            let [first, second] = [q[2], q[3]].map(|c| c.dot(along).abs() * most);
+            let lean = (2.0 * bend.length() + 3.0 * most * third.length()) * most;
+            let pace = q[1].length() - 2.0 * first - 3.0 * most * second;
+            if lean < pace {
+                let slope = slope / q[1].length();
+                let ahead = largest * lean / pace + (first + most * second) * most + HALF_ROW * along.z.abs();
+                let here = level + varies + slope.abs() * ahead + strays;
+                near.reach = round([slacked(here, centre), slope, slacked(largest + strays, centre)]);
+            }
         }
         near
     }
@@ -63,17 +85,22 @@ impl<T: Scalar> Near<T> {
     }
 
     fn line(centre: DVec3, along: DVec3, radius: f64) -> Near<T> {
-        let reach = radius * (1.0 + RELATIVE) + SLACK + RELATIVE * centre.length();
+        let reach = slacked(radius, centre);
         let away = 1.0 - along.z * along.z;
         Near {
             centre: round(centre.into()),
             along: round(along.into()),
-            reach: T::from_f64(reach * reach),
+            reach: round([reach, 0.0, reach]),
             away: round([if away > 1e-6 { 1.0 / away } else { 0.0 }, away]),
             start: round([-1.0, 0.0, 0.0]),
             end: round([1.0, 0.0, 0.0]),
         }
     }
+}
+
+/// A radius, with what single precision may make of a distance to a line through `centre`.
+fn slacked(radius: f64, centre: DVec3) -> f64 {
+    radius + SLACK + RELATIVE * (radius + centre.length())
 }
 
 /// The rows that may hold such voxels: bit `8 x + y` of the row at (x, y).
@@ -102,7 +129,9 @@ pub(super) fn rows<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers: &[
             + z * (z_off + z_off + z * R::splat(token, near.away[1]));
         let start = plane(token, &near.start, x, y);
         let end = plane(token, &near.end, x, y);
-        let outside = R::or(R::splat(token, near.reach).lt(distance), R::or(zero.lt(start), end.lt(zero)));
+        let reach = R::splat(token, near.reach[0]) + R::splat(token, near.reach[1]) * past;
+        let reach = reach.within(zero, R::splat(token, near.reach[2]));
+        let outside = R::or((reach * reach).lt(distance), R::or(zero.lt(start), end.lt(zero)));
         rows |= u64::from(R::bitmask(R::not(outside))) << first;
     }
     rows

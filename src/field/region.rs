@@ -1,5 +1,6 @@
 //! What a block of voxels needs of a field, re-centred on the block.
 
+use super::narrow::Interval;
 use super::near::Near;
 use crate::noise;
 use crate::num::Scalar;
@@ -30,6 +31,8 @@ pub struct Region<T> {
     pub(crate) octaves: Vec<Octave<T>>,
     /// Of the last tube's pieces, in the order in which they were found.
     pub(crate) parts: Vec<Part>,
+    /// Memory for the intervals that one part of an axis is divided into.
+    pub(crate) intervals: Vec<Interval>,
 }
 
 impl<T> Region<T> {
@@ -159,7 +162,7 @@ pub(crate) struct Octave<T> {
     /// log2 of its frequency over the first octave's, where its weight is not 1 all over the piece.
     pub(crate) fade: Option<T>,
     /// A sum, up to this octave, below this stays below the layer's threshold whatever the octaves after it add; `None`
-    /// where it cannot come so low.
+    /// where it hardly comes so low.
     pub(crate) hopeless: Option<T>,
 }
 

@@ -2,8 +2,8 @@
 //!
 //! Kernels are written once over [`Real`]. With [`F32x16`] they are the product; with `f64` they check its rounding.
 //! Sixteen lanes at every instruction set give every processor the same order of work, so the same bits. For the same
-//! reason there is no fused multiply-add, no approximate reciprocal, and minimum and maximum are selections, since the
-//! instructions for them disagree about NaN and signed zero.
+//! reason there is no fused multiply-add, no approximate reciprocal, and minimum and maximum are selections, since processors
+//! disagree about NaN and signed zero: x86 has them as instructions, others may not.
 //!
 //! Generic code gets an instruction set only by being inlined into the function that enables it: every function that
 //! takes a [`Real`] must be `#[inline(always)]`, and kernels hold no closures and no iterator adaptors.
@@ -188,6 +188,9 @@ pub trait Real:
     }
 }
 
+/// Whether the instructions for minimum and maximum are those selections: the second operand where neither is smaller.
+const SELECTS: bool = cfg!(target_arch = "x86_64");
+
 impl<S: Simd> Real for f32x16<S> {
     type Scalar = f32;
     type Token = S;
@@ -326,6 +329,22 @@ impl<S: Simd> Real for f32x16<S> {
     #[inline(always)]
     fn flip<const SHIFT: u32>(self, bits: Self::Bits) -> Self {
         (self.to_bits() ^ ((bits << SHIFT) & 0x8000_0000)).bitcast()
+    }
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        if SELECTS {
+            <Self as SimdBase<S>>::min(self, other)
+        } else {
+            Self::select(self.lt(other), self, other)
+        }
+    }
+    #[inline(always)]
+    fn most(self, other: Self) -> Self {
+        if SELECTS {
+            <Self as SimdBase<S>>::max(self, other)
+        } else {
+            Self::select(other.lt(self), self, other)
+        }
     }
 }
 
