@@ -327,7 +327,6 @@ fn at_point<R: Real>(
         if apart {
             one.store(scratch.focal.from_mut(packed));
         }
-        let [u, v] = turned(token, piece, [u, v], zero);
         pack(scratch, packed, inside, [u, v, zero, weight]);
         packed += bits.count_ones() as usize;
     }
@@ -351,11 +350,12 @@ fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar; N], eta: R) -
     sum
 }
 
-/// (u, v) in the cross-section turned by twist and spin.
+/// (u, v) in the cross-section turned by what it twists from the piece's middle.
 #[inline(always)]
 fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], height: R) -> [R; 2] {
-    let Some([start, rate]) = piece.turns else { return [u, v] };
-    let (sin, cos) = (R::splat(token, start) + R::splat(token, rate) * height).sin_cos_turns(token);
+    let Some(twist) = &piece.twist else { return [u, v] };
+    let turns = R::splat(token, twist.rate) * height;
+    let (sin, cos) = if twist.is_gentle { turns.sin_cos_eighth(token) } else { turns.sin_cos_turns(token) };
     [u * cos + v * sin, v * cos - u * sin]
 }
 

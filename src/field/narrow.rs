@@ -1,11 +1,15 @@
 //! Narrowing a field to a block: which parts of the axes can hold feet of its voxels, and how many.
 
+use std::f64::consts::TAU;
+
 use glam::DVec3;
 
 use super::cover::{Capsule, Reach, support};
 use super::detail::{Place, give_up};
 use super::near::Near;
-use super::region::{self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, U, V, round};
+use super::region::{
+    self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, Twist, U, V, round,
+};
 use super::span::Span;
 use super::tube::{self, CORNER, PointKind, Tube};
 use super::{Extent, Field, Lattice};
@@ -228,6 +232,24 @@ impl Field {
                 slope[axis][FOOT + k] = -dq[k][axis];
             }
         }
+        let arc = substitute(&span.arc, centre, scale);
+        let rate = tube.height_rate();
+        let arc_middle = span.arc_middle + arc[0];
+        let mut height = arc.map(|s| s * rate);
+        height[0] = 0.0;
+        let twist = turned(tube, arc_middle).map(|[cos, sin]| {
+            for row in [&mut base].into_iter().chain(&mut slope) {
+                for k in 0..TERMS {
+                    let (u, v) = (row[U + k], row[V + k]);
+                    (row[U + k], row[V + k]) = (u * cos + v * sin, v * cos - u * sin);
+                }
+            }
+            let rate = tube.twist_rate / (TAU * rate);
+            // A foot may lie a little past the piece's ends.
+            let most = 1.05 * height.iter().map(|h| h.abs()).sum::<f64>();
+            Twist { rate: T::from_f64(rate), is_gentle: (rate * most).abs() <= 0.125 }
+        });
+
         let cubic = q[3] != DVec3::ZERO;
         let speed = {
             let mut speed = [0.0; 5];
@@ -240,11 +262,6 @@ impl Field {
         };
         let voxels = dq[0].length().max(speed.iter().sum::<f64>().max(0.0).sqrt()).max(f64::MIN_POSITIVE);
 
-        let arc = substitute(&span.arc, centre, scale);
-        let rate = tube.height_rate();
-        let arc_middle = span.arc_middle + arc[0];
-        let mut height = arc.map(|s| s * rate);
-        height[0] = 0.0;
         let s = [-1.0, 1.0].map(|eta| span.arc_middle + evaluate(&arc, eta));
         let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
 
@@ -285,7 +302,7 @@ impl Field {
             range: round(range),
             tolerance: T::from_f64(bounds.settled_step() / voxels),
             height: round(height),
-            turns: turns(tube, arc_middle),
+            twist,
             radius: round(radius),
             speed: (is_hard || is_full).then(|| round(speed)),
             is_faded: is_hard && tube.overlap != Overlap::Closest,
@@ -309,12 +326,15 @@ impl Field {
         }
         let point = &tube.points[capsule.part as usize];
         let section = &point.section;
+        let [mut u, mut v] = section.axes;
+        if let Some([cos, sin]) = turned(tube, section.arc) {
+            (u, v) = (u * cos + v * sin, v * cos - u * sin);
+        }
         let scale = 1.0 / section.radius;
         let (rows, search) = match point.kind {
-            PointKind::End(outward) => (
-                [section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale),
-                Search::Point { is_corner: false },
-            ),
+            PointKind::End(outward) => {
+                ([u, v, outward, DVec3::ZERO].map(|v| v * scale), Search::Point { is_corner: false })
+            }
             PointKind::Corner(next) => {
                 // Along the hinge, and across it in the plane normal to the first tangent.
                 let hinge = section.tangent.cross(next);
@@ -343,10 +363,10 @@ impl Field {
         }
         // For corners, u = a u' + b v' with (u', v') along and across the hinge; the kernel reads a, b, c, d here.
         let turn = [
-            section.axes[0].dot(rows[0]) * section.radius,
-            section.axes[0].dot(rows[1]) * section.radius,
-            section.axes[1].dot(rows[0]) * section.radius,
-            section.axes[1].dot(rows[1]) * section.radius,
+            u.dot(rows[0]) * section.radius,
+            u.dot(rows[1]) * section.radius,
+            v.dot(rows[0]) * section.radius,
+            v.dot(rows[1]) * section.radius,
         ];
         for (k, value) in turn.into_iter().enumerate() {
             base[U + 1 + k] = value;
@@ -370,7 +390,7 @@ impl Field {
             range: round([-1.0, 1.0]),
             tolerance: T::from_f64(1.0),
             height: round([0.0; TERMS]),
-            turns: turns(tube, section.arc),
+            twist: None,
             radius: round(radius),
             speed: None,
             is_faded: false,
@@ -463,11 +483,12 @@ fn touch(tube: &Tube, end: (usize, f64), next: (usize, f64)) -> bool {
         && tube.curve.turn(end.0) <= CORNER
 }
 
-/// Turns at an arc length, taken in double precision to within half a turn of 0, and per unit of height.
-fn turns<T: Scalar>(tube: &Tube, arc: f64) -> Option<[T; 2]> {
+/// Cosine and sine of the angle that the cross-section has turned by at an arc length.
+fn turned(tube: &Tube, arc: f64) -> Option<[f64; 2]> {
     tube.turns.map(|[start, rate]| {
         let turns = start + rate * arc;
-        round([turns - (turns + 0.5).floor(), rate / tube.height_rate()])
+        let (sin, cos) = libm::sincos(TAU * (turns - (turns + 0.5).floor()));
+        [cos, sin]
     })
 }
 

@@ -94,8 +94,8 @@ pub(crate) struct Piece<T> {
     pub(crate) tolerance: T,
     /// Height l from the layers' origins.
     pub(crate) height: [T; TERMS],
-    /// Turns of the cross-section at the layers' origin, and per unit of height.
-    pub(crate) turns: Option<[T; 2]>,
+    /// How the cross-section twists; what it has turned by the layers' origin is in the table.
+    pub(crate) twist: Option<Twist<T>>,
     /// Radius in voxels: only read where octaves fade.
     pub(crate) radius: [T; TERMS],
     /// `|q'|^2` where `1 - kappa rho cos = g' / |q'|^2` is needed.
@@ -117,6 +117,14 @@ pub(crate) struct Piece<T> {
     pub(crate) fades: bool,
     /// Some layer is a pattern over the world's coordinates.
     pub(crate) in_world: bool,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Twist<T> {
+    /// Turns per unit of height.
+    pub(crate) rate: T,
+    /// No more than an eighth of a turn either way in all of the piece.
+    pub(crate) is_gentle: bool,
 }
 
 #[derive(Debug, Clone)]

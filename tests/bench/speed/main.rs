@@ -1,0 +1,76 @@
+//! How fast is a bake, beside something whose speed is known, in one run?
+//!
+//!     cargo bench --bench speed [-- [--json] [SECTION...] [RESOLUTION...]]
+//!
+//! Sections, each a table:
+//!
+//! - *kernel*: the evaluation of three scenes, beside the bare noise of as many octaves over as many points;
+//! - *segments*: what a segment costs in curves of 1 to 10 000 of them.
+//!
+//! Without names all of them; the resolutions, 128 to 2048 without any, are those of the scenes. `--json` prints one
+//! object instead, of the same figures. All is processor time on one thread, medians of rounds that take turns. Machines
+//! differ and drift, so ratios are the figures to keep: columns in ns and us are there to read them by.
+
+#![allow(clippy::print_stdout, reason = "a bench prints its figures")]
+#![allow(clippy::cast_precision_loss, reason = "counts")]
+
+mod bare;
+#[path = "../discard.rs"]
+mod discard;
+mod kernel;
+mod segments;
+mod table;
+
+use vdbake::num::Level;
+
+use table::Table;
+
+const SECTIONS: [(&str, fn(&Options) -> Table); 2] = [("kernel", kernel::run), ("segments", segments::run)];
+
+/// What the command line asks for.
+struct Options {
+    resolutions: Vec<f64>,
+}
+
+fn main() {
+    let (mut options, mut json, mut asked) = (Options { resolutions: vec![] }, false, vec![]);
+    for argument in std::env::args().skip(1) {
+        match argument.as_str() {
+            "--json" => json = true,
+            // What cargo says to every bench.
+            "--bench" => {}
+            other => match other.parse() {
+                Ok(resolution) => options.resolutions.push(resolution),
+                Err(_) => asked.push(argument),
+            },
+        }
+    }
+    if let Some(unknown) = asked.iter().find(|name| SECTIONS.iter().all(|(known, _)| known != name)) {
+        panic!("no section `{unknown}`");
+    }
+    if options.resolutions.is_empty() {
+        options.resolutions = vec![128.0, 256.0, 512.0, 1024.0, 2048.0];
+    }
+    let mut object = serde_json::Map::new();
+    object.insert("simd".into(), Level::best().name().into());
+    for (name, run) in SECTIONS {
+        if !asked.is_empty() && asked.iter().all(|asked| asked != name) {
+            continue;
+        }
+        let table = run(&options);
+        if json {
+            object.insert(name.into(), table.json());
+        } else {
+            println!("{name}, {}\n\n{}", Level::best().name(), table.text());
+        }
+    }
+    if json {
+        println!("{}", serde_json::Value::Object(object));
+    }
+}
+
+/// The value in the middle.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
