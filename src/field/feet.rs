@@ -7,8 +7,8 @@ use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 
-/// Newton steps that every voxel gets.
-const STEPS: usize = 3;
+/// Newton steps that every voxel gets, the first from the piece's middle.
+const STEPS: usize = 2;
 /// Steps after which a batch with a voxel that has not converged goes to bisection.
 const MOST_STEPS: usize = 9;
 /// Halvings of a piece: past the precision of `f32` over a piece of 32 voxels.
@@ -63,28 +63,28 @@ impl<'a, R: Real> Rows<'a, R> {
         rows
     }
 
-    /// Moves to the batch that begins at place `index`.
+    /// Moves rows `FROM..TO` to the batch that begins at place `index`: always the same rows.
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
     #[allow(
         clippy::needless_range_loop,
         reason = "kernels hold no iterator adaptors: they may not be inlined"
     )]
-    pub(super) fn go(&mut self, token: R::Token, index: usize) {
+    pub(super) fn go<const FROM: usize, const TO: usize>(&mut self, token: R::Token, index: usize) {
         let slope = &self.piece.slope;
         match self.places {
             Places::Centres => {
                 let plane = index / (EDGE * EDGE);
                 if plane != self.plane {
                     let x = R::Scalar::from_f64(plane as f64 - 3.5);
-                    for k in 0..ROWS {
+                    for k in FROM..TO {
                         self.in_plane[k] = self.piece.base[k] + slope[0][k] * x;
                     }
                     self.plane = plane;
                 }
                 let y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
                 let z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
-                for k in 0..ROWS {
+                for k in FROM..TO {
                     self.first[k] = self.in_plane[k] + slope[1][k] * y + slope[2][k] * z;
                 }
             }
@@ -92,7 +92,7 @@ impl<'a, R: Real> Rows<'a, R> {
                 let x = R::load(token, &x[index..]);
                 let y = R::load(token, &y[index..]);
                 let z = R::load(token, &z[index..]);
-                for k in 0..ROWS {
+                for k in FROM..TO {
                     self.lanes[k] = x * R::splat(token, slope[0][k])
                         + y * R::splat(token, slope[1][k])
                         + z * R::splat(token, slope[2][k]);
@@ -170,7 +170,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
         if !holds::<R>(near, index) {
             continue;
         }
-        rows.go(token, index);
+        rows.go::<FOOT, { FOOT + 3 }>(token, index);
         let equation = Equation::new(token, &rows);
         let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
         let mut steps = 1;
@@ -217,7 +217,7 @@ pub(super) fn bracket<R: Real>(
         if !holds::<R>(near, index) {
             continue;
         }
-        rows.go(token, index);
+        rows.go::<U, { FOOT + 3 }>(token, index);
         let equation = Equation::new(token, &rows);
         let (at_lo, slope_lo) = equation.at::<true>(ends[0]);
         let (at_hi, slope_hi) = equation.at::<true>(ends[1]);

@@ -12,7 +12,7 @@ use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
 use super::near::{self, holds};
-use super::region::{FOOT, Piece, Region, SECOND, Search, U, V};
+use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
 
@@ -239,7 +239,7 @@ fn coordinates<R: Real>(
         if R::bitmask(in_range) == 0 {
             continue;
         }
-        rows.go(token, index);
+        rows.go::<U, { FOOT + 3 }>(token, index);
         let u = across(token, &rows, U, eta);
         let v = across(token, &rows, V, eta);
         let q = u * u + v * v;
@@ -300,7 +300,7 @@ fn at_point<R: Real>(
         if !holds::<R>(near, index) {
             continue;
         }
-        rows.go(token, index);
+        rows.go::<U, ROWS>(token, index);
         let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
         let beyond = rows.row(token, FOOT);
         let q = u * u + v * v + beyond * beyond;

@@ -39,6 +39,9 @@ const PAST: f64 = 0.01;
 /// and no distance need be least; as the axis moves away from there by the square of this, no foot is lost.
 const STANDING: f64 = 1e-4;
 
+/// A bracket this short, beside the interval that it was sought in, is short enough.
+const ENOUGH: f64 = 0.01;
+
 /// Cosine beyond which a corner is a cusp or a fold.
 const STRAIGHT_BACK: f64 = 1.0 - 1e-9;
 
@@ -609,8 +612,12 @@ fn clip(segment: &Segment, interval: Interval, block: Block) -> Option<Interval>
 fn bisect(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> [f64; 2] {
     let (mut at_low, mut at_high) = (value(low), value(high));
     let mut last = 0;
+    let enough = ENOUGH * (high - low);
     // Regula falsi with the Illinois rule. Any bracket is a valid, if longer, answer, so few rounds will do.
     for _ in 0..8 {
+        if high - low < enough {
+            break;
+        }
         let t = (low * at_high - high * at_low) / (at_high - at_low);
         if !(t > low && t < high) {
             break;
