@@ -186,7 +186,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
             // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
             let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
             if R::bitmask(open) == 0 {
-                R::select(settled, eta, no_foot).store(scratch.eta.from_mut(index));
+                R::select(settled, eta, no_foot).store(scratch.eta.part_mut(index));
                 break;
             }
             if steps == MOST_STEPS {
@@ -250,11 +250,11 @@ pub(super) fn bracket<R: Real>(
             changes = R::and(g_lo.le(zero), zero.le(g_hi));
         }
         if R::bitmask(changes) == 0 {
-            no_foot.store(scratch.eta.from_mut(index));
+            no_foot.store(scratch.eta.part_mut(index));
             continue;
         }
         let foot = zero_between(token, &equation, [lo, hi]);
-        R::select(changes, foot, no_foot).store(scratch.eta.from_mut(index));
+        R::select(changes, foot, no_foot).store(scratch.eta.part_mut(index));
     }
 }
 

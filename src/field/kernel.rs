@@ -43,12 +43,12 @@ impl<T: Scalar> Default for Lanes<T> {
 impl<T> Lanes<T> {
     /// From voxel number `first`, below 512, on: the compiler sees that a batch fits.
     #[inline(always)]
-    pub(super) fn from(&self, first: usize) -> &[T] {
+    pub(super) fn part(&self, first: usize) -> &[T] {
         &self.0[first % VOXELS..]
     }
 
     #[inline(always)]
-    pub(super) fn from_mut(&mut self, first: usize) -> &mut [T] {
+    pub(super) fn part_mut(&mut self, first: usize) -> &mut [T] {
         &mut self.0[first % VOXELS..]
     }
 
@@ -234,7 +234,7 @@ fn coordinates<R: Real>(
         if !holds::<R>(near, index) {
             continue;
         }
-        let eta = R::load(token, scratch.eta.from(index));
+        let eta = R::load(token, scratch.eta.part(index));
         let in_range = R::and(lo.le(eta), eta.le(hi));
         if R::bitmask(in_range) == 0 {
             continue;
@@ -266,11 +266,11 @@ fn coordinates<R: Real>(
             }
         }
         if piece.fades || apart {
-            along(token, &piece.radius, eta).compress(inside).store(scratch.radius.from_mut(packed));
-            q.compress(inside).store(scratch.q.from_mut(packed));
+            along(token, &piece.radius, eta).compress(inside).store(scratch.radius.part_mut(packed));
+            q.compress(inside).store(scratch.q.part_mut(packed));
         }
         if apart {
-            fade.compress(inside).store(scratch.focal.from_mut(packed));
+            fade.compress(inside).store(scratch.focal.part_mut(packed));
         }
         let [u, v] = turned(token, piece, [u, v], height);
         pack(scratch, packed, inside, [u, v, height, weight]);
@@ -321,11 +321,11 @@ fn at_point<R: Real>(
             weight = weight * R::splat(token, gain[0]);
         }
         if piece.fades || apart {
-            radius.store(scratch.radius.from_mut(packed));
-            q.compress(inside).store(scratch.q.from_mut(packed));
+            radius.store(scratch.radius.part_mut(packed));
+            q.compress(inside).store(scratch.q.part_mut(packed));
         }
         if apart {
-            one.store(scratch.focal.from_mut(packed));
+            one.store(scratch.focal.part_mut(packed));
         }
         pack(scratch, packed, inside, [u, v, zero, weight]);
         packed += bits.count_ones() as usize;
@@ -335,10 +335,10 @@ fn at_point<R: Real>(
 
 #[inline(always)]
 fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, lanes: [R; 4]) {
-    lanes[0].compress(inside).store(scratch.u.from_mut(packed));
-    lanes[1].compress(inside).store(scratch.v.from_mut(packed));
-    lanes[2].compress(inside).store(scratch.height.from_mut(packed));
-    lanes[3].compress(inside).store(scratch.weight.from_mut(packed));
+    lanes[0].compress(inside).store(scratch.u.part_mut(packed));
+    lanes[1].compress(inside).store(scratch.v.part_mut(packed));
+    lanes[2].compress(inside).store(scratch.height.part_mut(packed));
+    lanes[3].compress(inside).store(scratch.weight.part_mut(packed));
 }
 
 #[inline(always)]

@@ -36,9 +36,9 @@ pub(super) fn pack_places<R: Real>(
             }
         };
         let inside = R::from_bitmask(token, bits);
-        place[0].compress(inside).store(scratch.place[0].from_mut(packed));
-        place[1].compress(inside).store(scratch.place[1].from_mut(packed));
-        place[2].compress(inside).store(scratch.place[2].from_mut(packed));
+        place[0].compress(inside).store(scratch.place[0].part_mut(packed));
+        place[1].compress(inside).store(scratch.place[1].part_mut(packed));
+        place[2].compress(inside).store(scratch.place[2].part_mut(packed));
         packed += bits.count_ones() as usize;
     }
 }
@@ -61,7 +61,7 @@ pub(super) fn layers<R: Real>(
                 LayerKind::Sectors => {
                     let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
                     let (u, v) =
-                        (R::load(token, scratch.u.from(first)), R::load(token, scratch.v.from(first)));
+                        (R::load(token, scratch.u.part(first)), R::load(token, scratch.v.part(first)));
                     R::select(zero.lt(u * v), one, zero)
                 }
                 LayerKind::Perlin { sums, in_world } => {
@@ -80,8 +80,8 @@ pub(super) fn layers<R: Real>(
                 Op::Min => value.least(term),
             };
         }
-        let weight = R::load(token, scratch.weight.from(first));
-        (value * weight).store(scratch.weight.from_mut(first));
+        let weight = R::load(token, scratch.weight.part(first));
+        (value * weight).store(scratch.weight.part_mut(first));
         first += R::LANES;
     }
 }
@@ -106,11 +106,11 @@ pub(super) fn fractal<R: Real>(
         let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
         let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
         let at =
-            [R::load(token, x.from(first)), R::load(token, y.from(first)), R::load(token, z.from(first))];
+            [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
         total = R::splat(token, sum.mean);
         let mut log2 = total;
         if sum.fades {
-            let (radius, q) = (R::load(token, radius.from(first)), R::load(token, q.from(first)));
+            let (radius, q) = (R::load(token, radius.part(first)), R::load(token, q.part(first)));
             log2 = log2_rate(token, &sum.rates, radius, q);
         }
         for octave in &region.octaves[sum.octaves[0]..sum.octaves[1]] {
@@ -127,8 +127,8 @@ pub(super) fn fractal<R: Real>(
             }
         }
         if let Some((axis, reach)) = sum.displaces {
-            let moved = R::load(token, own[axis].from(first)) + total * R::splat(token, reach);
-            moved.store(displaced[axis].from_mut(first));
+            let moved = R::load(token, own[axis].part(first)) + total * R::splat(token, reach);
+            moved.store(displaced[axis].part_mut(first));
         }
     }
     total

@@ -134,14 +134,14 @@ impl Cylinders {
         for (i, &[u, v, _]) in points[..count].iter().enumerate() {
             let [u, v] = slice.turned([u, v]);
             let place = axes[0] * u + axes[1] * v;
-            scratch.u.from_mut(i)[0] = T::from_f64(u);
-            scratch.v.from_mut(i)[0] = T::from_f64(v);
-            scratch.height.from_mut(i)[0] = T::from_f64(0.0);
-            scratch.weight.from_mut(i)[0] = T::from_f64(1.0);
-            scratch.radius.from_mut(i)[0] = radius;
-            scratch.q.from_mut(i)[0] = T::from_f64(u * u + v * v);
+            scratch.u.part_mut(i)[0] = T::from_f64(u);
+            scratch.v.part_mut(i)[0] = T::from_f64(v);
+            scratch.height.part_mut(i)[0] = T::from_f64(0.0);
+            scratch.weight.part_mut(i)[0] = T::from_f64(1.0);
+            scratch.radius.part_mut(i)[0] = radius;
+            scratch.q.part_mut(i)[0] = T::from_f64(u * u + v * v);
             for axis in 0..3 {
-                scratch.place[axis].from_mut(i)[0] = T::from_f64(place[axis]);
+                scratch.place[axis].part_mut(i)[0] = T::from_f64(place[axis]);
             }
         }
         count

@@ -339,6 +339,7 @@ impl<S: Simd> Real for f32x16<S> {
         (self.to_bits() ^ ((bits << SHIFT) & 0x8000_0000)).bitcast()
     }
     #[inline(always)]
+    #[allow(clippy::disallowed_methods, reason = "where the instruction is the selection")]
     fn least(self, other: Self) -> Self {
         if SELECTS {
             <Self as SimdBase<S>>::min(self, other)
@@ -347,6 +348,7 @@ impl<S: Simd> Real for f32x16<S> {
         }
     }
     #[inline(always)]
+    #[allow(clippy::disallowed_methods, reason = "where the instruction is the selection")]
     fn most(self, other: Self) -> Self {
         if SELECTS {
             <Self as SimdBase<S>>::max(self, other)

@@ -25,7 +25,10 @@ use vdbake::num::Level;
 
 use table::Table;
 
-const SECTIONS: [(&str, fn(&Options) -> Table); 2] = [("kernel", kernel::run), ("segments", segments::run)];
+/// A section: its name, and what measures it.
+type Section = (&'static str, fn(&Options) -> Table);
+
+const SECTIONS: [Section; 2] = [("kernel", kernel::run), ("segments", segments::run)];
 
 /// What the command line asks for.
 struct Options {
