@@ -5,7 +5,7 @@ use vdbake::noise::Octave;
 use vdbake::num::{Level, Real, WithLevel, with_level};
 
 const POINTS: usize = 2048;
-const REPEATS: usize = 100;
+const REPEATS: usize = 400;
 
 struct Bare<'a> {
     octaves: &'a [Octave<f32>],
