@@ -1,11 +1,12 @@
 //! The density of a block of voxels: the one kernel, written over [`Real`].
 //!
-//! Each piece of a [`Region`] is worked through in three passes over the block, so that the first pass's chains of
-//! dependent operations overlap, and so that the last and dearest pass runs over full lanes only:
+//! Each piece of a [`Region`] is worked through in three passes over those rows of the block's voxels that may have feet on
+//! it, so that the first pass's chains of dependent operations overlap, and so that the last and dearest pass runs over
+//! full lanes only:
 //!
 //! 1. *feet*: the parameter of every voxel's foot;
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
-//! 3. *layers*: the pattern over the packed voxels.
+//! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold no more octaves than may reach it.
 
 use super::VOXELS;
 use super::feet::{Equation, Rows, across, bracket, newton};

@@ -6,7 +6,10 @@
 //! - *narrow*: narrowing's part of that time;
 //! - *lane*: time for each searched lane, over the same at the first resolution;
 //! - *kept*: bricks with active voxels, over those planned;
-//! - *mass*: time of the mass at rest, over the evaluation's.
+//! - *mass*: time of the mass at rest, over the evaluation's; only where all bricks are evaluated.
+//!
+//! Where another program runs on the same core, bare noise slows down more than the rest does, and *whole over bare* falls: compare
+//! figures of like `bare_ns_an_octave`.
 
 use cpu_time::ThreadTime;
 use serde_json::Value;
