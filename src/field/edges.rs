@@ -273,7 +273,7 @@ impl<T: Scalar> Region<T> {
             piece.fades = false;
             piece.in_world = false;
             if piece.layers[0] == piece.layers[1] {
-                piece.turns = None;
+                piece.twist = None;
             }
         }
         if outline.join.is_some() || outline.tubes.len() > 1 {

@@ -1,13 +1,14 @@
 //! Feet: where each voxel of a block has its nearest place on a piece of an axis.
 
 use super::kernel::{Places, Scratch};
+use super::near::holds;
 use super::region::{FOOT, Piece, ROWS, U, V};
 use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 
-/// Newton steps that every voxel gets.
-const STEPS: usize = 3;
+/// Newton steps that every voxel gets, the first from the piece's middle.
+const STEPS: usize = 2;
 /// Steps after which a batch with a voxel that has not converged goes to bisection.
 const MOST_STEPS: usize = 9;
 /// Halvings of a piece: past the precision of `f32` over a piece of 32 voxels.
@@ -24,6 +25,9 @@ pub(super) struct Rows<'a, R: Real> {
     /// Voxel centres of a batch from its first, in y and z: batches are whole rows of z, or parts of one.
     y: R,
     z: R,
+    /// The plane of x that the batch lies in, and the table where it crosses the block's axis.
+    plane: usize,
+    in_plane: [R::Scalar; ROWS],
     /// The table at the batch's first voxel.
     first: [R::Scalar; ROWS],
     /// What each lane adds to it.
@@ -42,7 +46,16 @@ impl<'a, R: Real> Rows<'a, R> {
         let number = R::load(token, numbers);
         let y = (number * R::constant(token, 0.125)).floor();
         let z = number - y * R::constant(token, 8.0);
-        let mut rows = Rows { piece, places, y, z, first: piece.base, lanes: [zero; ROWS] };
+        let mut rows = Rows {
+            piece,
+            places,
+            y,
+            z,
+            plane: usize::MAX,
+            in_plane: piece.base,
+            first: piece.base,
+            lanes: [zero; ROWS],
+        };
         for k in 0..ROWS {
             let (along_y, along_z) = (R::splat(token, piece.slope[1][k]), R::splat(token, piece.slope[2][k]));
             rows.lanes[k] = rows.y * along_y + rows.z * along_z;
@@ -50,29 +63,36 @@ impl<'a, R: Real> Rows<'a, R> {
         rows
     }
 
-    /// Moves to the batch that begins at place `index`.
+    /// Moves rows `FROM..TO` to the batch that begins at place `index`: always the same rows.
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "indices below 512")]
     #[allow(
         clippy::needless_range_loop,
         reason = "kernels hold no iterator adaptors: they may not be inlined"
     )]
-    pub(super) fn go(&mut self, token: R::Token, index: usize) {
+    pub(super) fn go<const FROM: usize, const TO: usize>(&mut self, token: R::Token, index: usize) {
         let slope = &self.piece.slope;
         match self.places {
             Places::Centres => {
-                let x = R::Scalar::from_f64((index / (EDGE * EDGE)) as f64 - 3.5);
+                let plane = index / (EDGE * EDGE);
+                if plane != self.plane {
+                    let x = R::Scalar::from_f64(plane as f64 - 3.5);
+                    for k in FROM..TO {
+                        self.in_plane[k] = self.piece.base[k] + slope[0][k] * x;
+                    }
+                    self.plane = plane;
+                }
                 let y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
                 let z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
-                for k in 0..ROWS {
-                    self.first[k] = self.piece.base[k] + slope[0][k] * x + slope[1][k] * y + slope[2][k] * z;
+                for k in FROM..TO {
+                    self.first[k] = self.in_plane[k] + slope[1][k] * y + slope[2][k] * z;
                 }
             }
             Places::Points([x, y, z]) => {
                 let x = R::load(token, &x[index..]);
                 let y = R::load(token, &y[index..]);
                 let z = R::load(token, &z[index..]);
-                for k in 0..ROWS {
+                for k in FROM..TO {
                     self.lanes[k] = x * R::splat(token, slope[0][k])
                         + y * R::splat(token, slope[1][k])
                         + z * R::splat(token, slope[2][k]);
@@ -130,12 +150,14 @@ impl<R: Real> Equation<R> {
     }
 }
 
-/// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle.
+/// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle. Of
+/// the rows `near` only.
 #[inline(always)]
 pub(super) fn newton<R: Real, const CUBIC: bool>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     scratch: &mut Scratch<R::Scalar>,
 ) -> bool {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -145,7 +167,10 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     let tolerance = R::splat(token, piece.tolerance);
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
-        rows.go(token, index);
+        if !holds::<R>(near, index) {
+            continue;
+        }
+        rows.go::<FOOT, { FOOT + 3 }>(token, index);
         let equation = Equation::new(token, &rows);
         let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
         let mut steps = 1;
@@ -161,7 +186,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
             // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
             let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
             if R::bitmask(open) == 0 {
-                R::select(settled, eta, no_foot).store(&mut scratch.eta[index..]);
+                R::select(settled, eta, no_foot).store(scratch.eta.part_mut(index));
                 break;
             }
             if steps == MOST_STEPS {
@@ -172,7 +197,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     true
 }
 
-/// Feet by bisection: where the equation changes from negative to positive along the piece, if it does.
+/// Feet by bisection, of the rows `near`: where the equation changes from negative to positive along the piece, if it does.
 ///
 /// For certified pieces that is the one foot. Uncertified ones are so short that of two feet either stands for both.
 #[inline(always)]
@@ -180,6 +205,7 @@ pub(super) fn bracket<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     scratch: &mut Scratch<R::Scalar>,
 ) {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -188,7 +214,10 @@ pub(super) fn bracket<R: Real>(
     let one = R::constant(token, 1.0);
     let no_foot = R::constant(token, NO_FOOT);
     for index in (0..VOXELS).step_by(R::LANES) {
-        rows.go(token, index);
+        if !holds::<R>(near, index) {
+            continue;
+        }
+        rows.go::<U, { FOOT + 3 }>(token, index);
         let equation = Equation::new(token, &rows);
         let (at_lo, slope_lo) = equation.at::<true>(ends[0]);
         let (at_hi, slope_hi) = equation.at::<true>(ends[1]);
@@ -221,11 +250,11 @@ pub(super) fn bracket<R: Real>(
             changes = R::and(g_lo.le(zero), zero.le(g_hi));
         }
         if R::bitmask(changes) == 0 {
-            no_foot.store(&mut scratch.eta[index..]);
+            no_foot.store(scratch.eta.part_mut(index));
             continue;
         }
         let foot = zero_between(token, &equation, [lo, hi]);
-        R::select(changes, foot, no_foot).store(&mut scratch.eta[index..]);
+        R::select(changes, foot, no_foot).store(scratch.eta.part_mut(index));
     }
 }
 

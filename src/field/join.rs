@@ -97,7 +97,7 @@ pub(super) fn larger<R: Real>(
     for index in (0..VOXELS).step_by(R::LANES) {
         let bits = scratch.inside[index / R::LANES];
         if bits != 0 {
-            let density = R::load(token, &scratch.weight[first..]).expand(R::from_bitmask(token, bits));
+            let density = R::load(token, scratch.weight.part(first)).expand(R::from_bitmask(token, bits));
             let held = R::load(token, &values[index..]);
             density.most(held).store(&mut values[index..]);
             first += bits.count_ones() as usize;
@@ -126,11 +126,11 @@ pub(super) fn feet<R: Real>(
             continue;
         }
         let mask = R::from_bitmask(token, bits);
-        let density = R::load(token, &scratch.weight[packed..]).expand(mask);
-        let height = R::load(token, &scratch.height[packed..]).expand(mask);
-        let q = R::load(token, &scratch.q[packed..]).expand(mask);
-        let radius = R::load(token, &scratch.radius[packed..]).expand(mask);
-        let focal = R::load(token, &scratch.focal[packed..]).expand(mask);
+        let density = R::load(token, scratch.weight.part(packed)).expand(mask);
+        let height = R::load(token, scratch.height.part(packed)).expand(mask);
+        let q = R::load(token, scratch.q.part(packed)).expand(mask);
+        let radius = R::load(token, scratch.radius.part(packed)).expand(mask);
+        let focal = R::load(token, scratch.focal.part(packed)).expand(mask);
         packed += bits.count_ones() as usize;
 
         let arc = start + rate * height;

@@ -1,17 +1,19 @@
 //! The density of a block of voxels: the one kernel, written over [`Real`].
 //!
-//! Each piece of a [`Region`] is worked through in three passes over the block, so that the first pass's chains of
-//! dependent operations overlap, and so that the last and dearest pass runs over full lanes only:
+//! Each piece of a [`Region`] is worked through in three passes over those rows of the block's voxels that may have feet on
+//! it, so that the first pass's chains of dependent operations overlap, and so that the last and dearest pass runs over
+//! full lanes only:
 //!
 //! 1. *feet*: the parameter of every voxel's foot;
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
-//! 3. *layers*: the pattern over the packed voxels.
+//! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold no more octaves than may reach it.
 
 use super::VOXELS;
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
-use super::region::{FOOT, Piece, Region, SECOND, Search, U, V};
+use super::near::{self, holds};
+use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
 
@@ -29,40 +31,68 @@ pub enum Places<'a, T> {
     Points([&'a [T; VOXELS]; 3]),
 }
 
+/// A number for every voxel of a block, and room for the rest of a batch.
+#[derive(Debug, Clone)]
+pub(super) struct Lanes<T>(Box<[T; ROOM]>);
+
+impl<T: Scalar> Default for Lanes<T> {
+    fn default() -> Lanes<T> {
+        Lanes(Box::new([T::default(); ROOM]))
+    }
+}
+
+impl<T> Lanes<T> {
+    /// From voxel number `first`, below 512, on: the compiler sees that a batch fits.
+    #[inline(always)]
+    pub(super) fn part(&self, first: usize) -> &[T] {
+        &self.0[first % VOXELS..]
+    }
+
+    #[inline(always)]
+    pub(super) fn part_mut(&mut self, first: usize) -> &mut [T] {
+        &mut self.0[first % VOXELS..]
+    }
+
+    /// All of them.
+    pub(super) fn all(&self) -> &[T] {
+        &self.0[..VOXELS]
+    }
+}
+
 /// Memory for one thread's evaluation.
 #[derive(Debug, Clone)]
 pub struct Scratch<T> {
-    pub(super) eta: Vec<T>,
-    pub(super) u: Vec<T>,
-    pub(super) v: Vec<T>,
-    pub(super) height: Vec<T>,
-    pub(super) weight: Vec<T>,
+    pub(super) eta: Lanes<T>,
+    pub(super) u: Lanes<T>,
+    pub(super) v: Lanes<T>,
+    pub(super) height: Lanes<T>,
+    pub(super) weight: Lanes<T>,
     /// Voxels inside, a word for each batch of lanes.
-    pub(super) inside: Vec<u32>,
+    pub(super) inside: Box<[u32; VOXELS]>,
     /// Radius and squared distance to the axis over it: only where octaves fade or feet are told apart.
-    pub(super) radius: Vec<T>,
-    pub(super) q: Vec<T>,
+    pub(super) radius: Lanes<T>,
+    pub(super) q: Lanes<T>,
     /// The focal fade: only where feet are told apart.
-    pub(super) focal: Vec<T>,
+    pub(super) focal: Lanes<T>,
     pub(super) joint: Joint<T>,
     /// Place in voxels from the block's centre: only where layers ask for it.
-    pub(super) place: [Vec<T>; 3],
+    pub(super) place: [Lanes<T>; 3],
     /// The coordinates of a layer where its warp displaces them.
-    pub(super) displaced: [Vec<T>; 3],
+    pub(super) displaced: [Lanes<T>; 3],
     /// 0, 1, ... 15.
     pub(super) numbers: Vec<T>,
 }
 
 impl<T: Scalar> Default for Scratch<T> {
     fn default() -> Scratch<T> {
-        let room = || vec![T::default(); ROOM];
+        let room = Lanes::default;
         Scratch {
             eta: room(),
             u: room(),
             v: room(),
             height: room(),
             weight: room(),
-            inside: vec![0; VOXELS],
+            inside: Box::new([0; VOXELS]),
             radius: room(),
             q: room(),
             focal: room(),
@@ -125,19 +155,32 @@ pub fn evaluate<R: Real>(
             join::open(&mut scratch.joint);
         }
         for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
+            let rows = match places {
+                Places::Centres => near::rows::<R>(token, &piece.near, &scratch.numbers),
+                Places::Points(_) => u64::MAX,
+            };
+            let searched = lanes_of::<R>(rows);
+            counts.searched += searched;
             let packed = match piece.search {
-                Search::Point { is_corner } => at_point::<R>(token, piece, places, is_corner, apart, scratch),
+                _ if rows == 0 => continue,
+                Search::Point { is_corner } => {
+                    at_point::<R>(token, piece, places, rows, is_corner, apart, scratch)
+                }
                 Search::Newton { .. } | Search::Bracket => {
                     let settled = match piece.search {
-                        Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, scratch),
-                        Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, scratch),
+                        Search::Newton { cubic: false } => {
+                            newton::<R, false>(token, piece, places, rows, scratch)
+                        }
+                        Search::Newton { cubic: true } => {
+                            newton::<R, true>(token, piece, places, rows, scratch)
+                        }
                         _ => false,
                     };
                     if !settled {
-                        counts.bisected += VOXELS as u64;
-                        bracket::<R>(token, piece, places, scratch);
+                        counts.bisected += searched;
+                        bracket::<R>(token, piece, places, rows, scratch);
                     }
-                    coordinates::<R>(token, piece, places, apart, scratch)
+                    coordinates::<R>(token, piece, places, rows, apart, scratch)
                 }
             };
             if piece.in_world {
@@ -149,7 +192,6 @@ pub fn evaluate<R: Real>(
             } else {
                 join::larger::<R>(token, scratch, values);
             }
-            counts.searched += VOXELS as u64;
             counts.inside += packed as u64;
         }
         if let Some(rule) = region.join {
@@ -162,12 +204,25 @@ pub fn evaluate<R: Real>(
     counts
 }
 
-/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number.
+/// Lanes of the batches that have voxels of these rows.
+#[inline(always)]
+fn lanes_of<R: Real>(rows: u64) -> u64 {
+    let mut lanes = 0;
+    for index in (0..VOXELS).step_by(R::LANES) {
+        if holds::<R>(rows, index) {
+            lanes += R::LANES as u64;
+        }
+    }
+    lanes
+}
+
+/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the rows `near` only.
 #[inline(always)]
 fn coordinates<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
@@ -176,13 +231,16 @@ fn coordinates<R: Real>(
     let one = R::constant(token, 1.0);
     let mut packed = 0;
     for index in (0..VOXELS).step_by(R::LANES) {
-        let eta = R::load(token, &scratch.eta[index..]);
-        let in_range = R::and(lo.le(eta), eta.le(hi));
         scratch.inside[index / R::LANES] = 0;
+        if !holds::<R>(near, index) {
+            continue;
+        }
+        let eta = R::load(token, scratch.eta.part(index));
+        let in_range = R::and(lo.le(eta), eta.le(hi));
         if R::bitmask(in_range) == 0 {
             continue;
         }
-        rows.go(token, index);
+        rows.go::<U, { FOOT + 3 }>(token, index);
         let u = across(token, &rows, U, eta);
         let v = across(token, &rows, V, eta);
         let q = u * u + v * v;
@@ -209,11 +267,11 @@ fn coordinates<R: Real>(
             }
         }
         if piece.fades || apart {
-            along(token, &piece.radius, eta).compress(inside).store(&mut scratch.radius[packed..]);
-            q.compress(inside).store(&mut scratch.q[packed..]);
+            along(token, &piece.radius, eta).compress(inside).store(scratch.radius.part_mut(packed));
+            q.compress(inside).store(scratch.q.part_mut(packed));
         }
         if apart {
-            fade.compress(inside).store(&mut scratch.focal[packed..]);
+            fade.compress(inside).store(scratch.focal.part_mut(packed));
         }
         let [u, v] = turned(token, piece, [u, v], height);
         pack(scratch, packed, inside, [u, v, height, weight]);
@@ -228,6 +286,7 @@ fn at_point<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
+    near: u64,
     is_corner: bool,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
@@ -238,7 +297,11 @@ fn at_point<R: Real>(
     let radius = R::splat(token, piece.radius[0]);
     let mut packed = 0;
     for index in (0..VOXELS).step_by(R::LANES) {
-        rows.go(token, index);
+        scratch.inside[index / R::LANES] = 0;
+        if !holds::<R>(near, index) {
+            continue;
+        }
+        rows.go::<U, ROWS>(token, index);
         let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
         let beyond = rows.row(token, FOOT);
         let q = u * u + v * v + beyond * beyond;
@@ -259,13 +322,12 @@ fn at_point<R: Real>(
             weight = weight * R::splat(token, gain[0]);
         }
         if piece.fades || apart {
-            radius.store(&mut scratch.radius[packed..]);
-            q.compress(inside).store(&mut scratch.q[packed..]);
+            radius.store(scratch.radius.part_mut(packed));
+            q.compress(inside).store(scratch.q.part_mut(packed));
         }
         if apart {
-            one.store(&mut scratch.focal[packed..]);
+            one.store(scratch.focal.part_mut(packed));
         }
-        let [u, v] = turned(token, piece, [u, v], zero);
         pack(scratch, packed, inside, [u, v, zero, weight]);
         packed += bits.count_ones() as usize;
     }
@@ -274,10 +336,10 @@ fn at_point<R: Real>(
 
 #[inline(always)]
 fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, lanes: [R; 4]) {
-    lanes[0].compress(inside).store(&mut scratch.u[packed..]);
-    lanes[1].compress(inside).store(&mut scratch.v[packed..]);
-    lanes[2].compress(inside).store(&mut scratch.height[packed..]);
-    lanes[3].compress(inside).store(&mut scratch.weight[packed..]);
+    lanes[0].compress(inside).store(scratch.u.part_mut(packed));
+    lanes[1].compress(inside).store(scratch.v.part_mut(packed));
+    lanes[2].compress(inside).store(scratch.height.part_mut(packed));
+    lanes[3].compress(inside).store(scratch.weight.part_mut(packed));
 }
 
 #[inline(always)]
@@ -289,11 +351,12 @@ fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar; N], eta: R) -
     sum
 }
 
-/// (u, v) in the cross-section turned by twist and spin.
+/// (u, v) in the cross-section turned by what it twists from the piece's middle.
 #[inline(always)]
 fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], height: R) -> [R; 2] {
-    let Some([start, rate]) = piece.turns else { return [u, v] };
-    let (sin, cos) = (R::splat(token, start) + R::splat(token, rate) * height).sin_cos_turns(token);
+    let Some(twist) = &piece.twist else { return [u, v] };
+    let turns = R::splat(token, twist.rate) * height;
+    let (sin, cos) = if twist.is_gentle { turns.sin_cos_eighth(token) } else { turns.sin_cos_turns(token) };
     [u * cos + v * sin, v * cos - u * sin]
 }
 

@@ -36,9 +36,9 @@ pub(super) fn pack_places<R: Real>(
             }
         };
         let inside = R::from_bitmask(token, bits);
-        place[0].compress(inside).store(&mut scratch.place[0][packed..]);
-        place[1].compress(inside).store(&mut scratch.place[1][packed..]);
-        place[2].compress(inside).store(&mut scratch.place[2][packed..]);
+        place[0].compress(inside).store(scratch.place[0].part_mut(packed));
+        place[1].compress(inside).store(scratch.place[1].part_mut(packed));
+        place[2].compress(inside).store(scratch.place[2].part_mut(packed));
         packed += bits.count_ones() as usize;
     }
 }
@@ -60,7 +60,8 @@ pub(super) fn layers<R: Real>(
                 LayerKind::Constant(constant) => R::splat(token, *constant),
                 LayerKind::Sectors => {
                     let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
-                    let (u, v) = (R::load(token, &scratch.u[first..]), R::load(token, &scratch.v[first..]));
+                    let (u, v) =
+                        (R::load(token, scratch.u.part(first)), R::load(token, scratch.v.part(first)));
                     R::select(zero.lt(u * v), one, zero)
                 }
                 LayerKind::Perlin { sums, in_world } => {
@@ -79,8 +80,8 @@ pub(super) fn layers<R: Real>(
                 Op::Min => value.least(term),
             };
         }
-        let weight = R::load(token, &scratch.weight[first..]);
-        (value * weight).store(&mut scratch.weight[first..]);
+        let weight = R::load(token, scratch.weight.part(first));
+        (value * weight).store(scratch.weight.part_mut(first));
         first += R::LANES;
     }
 }
@@ -104,11 +105,12 @@ pub(super) fn fractal<R: Real>(
         let x = if sum.displaced[0] { &displaced[0] } else { own[0] };
         let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
         let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
-        let at = [R::load(token, &x[first..]), R::load(token, &y[first..]), R::load(token, &z[first..])];
+        let at =
+            [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
         total = R::splat(token, sum.mean);
         let mut log2 = total;
         if sum.fades {
-            let (radius, q) = (R::load(token, &radius[first..]), R::load(token, &q[first..]));
+            let (radius, q) = (R::load(token, radius.part(first)), R::load(token, q.part(first)));
             log2 = log2_rate(token, &sum.rates, radius, q);
         }
         for octave in &region.octaves[sum.octaves[0]..sum.octaves[1]] {
@@ -118,10 +120,15 @@ pub(super) fn fractal<R: Real>(
                 value = octave.octave.faded(token, value, weight);
             }
             total = total + value;
+            if let Some(hopeless) = octave.hopeless
+                && R::bitmask(R::splat(token, hopeless).le(total)) == 0
+            {
+                break;
+            }
         }
         if let Some((axis, reach)) = sum.displaces {
-            let moved = R::load(token, &own[axis][first..]) + total * R::splat(token, reach);
-            moved.store(&mut displaced[axis][first..]);
+            let moved = R::load(token, own[axis].part(first)) + total * R::splat(token, reach);
+            moved.store(displaced[axis].part_mut(first));
         }
     }
     total

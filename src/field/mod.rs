@@ -116,6 +116,7 @@ mod join;
 pub mod kernel;
 mod layers;
 mod narrow;
+mod near;
 mod pattern;
 mod radius;
 mod region;

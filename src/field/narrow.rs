@@ -1,10 +1,15 @@
 //! Narrowing a field to a block: which parts of the axes can hold feet of its voxels, and how many.
 
+use std::f64::consts::TAU;
+
 use glam::DVec3;
 
 use super::cover::{Capsule, Reach, support};
-use super::detail::Place;
-use super::region::{self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, U, V, round};
+use super::detail::{Place, give_up};
+use super::near::Near;
+use super::region::{
+    self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, Twist, U, V, round,
+};
 use super::span::Span;
 use super::tube::{self, CORNER, PointKind, Tube};
 use super::{Extent, Field, Lattice};
@@ -34,6 +39,9 @@ const PAST: f64 = 0.01;
 /// and no distance need be least; as the axis moves away from there by the square of this, no foot is lost.
 const STANDING: f64 = 1e-4;
 
+/// A bracket this short, beside the interval that it was sought in, is short enough.
+const ENOUGH: f64 = 0.01;
+
 /// Cosine beyond which a corner is a cusp or a fold.
 const STRAIGHT_BACK: f64 = 1.0 - 1e-9;
 
@@ -42,7 +50,7 @@ const ROUNDING: f64 = 3e-7;
 
 /// An interval of t with the largest radius on it.
 #[derive(Debug, Clone, Copy)]
-struct Interval {
+pub(crate) struct Interval {
     t: [f64; 2],
     radius: f64,
     /// Holds at most one foot of every voxel of the block.
@@ -139,9 +147,10 @@ impl Field {
     fn interval<T: Scalar>(&self, tube: &Tube, capsule: &Capsule, block: Block, region: &mut Region<T>) {
         let segment = &tube.curve.segments()[capsule.part as usize];
         let whole = Interval { t: capsule.t, radius: capsule.radius, certified: false };
-        let mut found = Vec::new();
+        let mut found = std::mem::take(&mut region.intervals);
+        found.clear();
         refine(segment, whole, block, 0, &mut found);
-        for interval in found {
+        for &interval in &found {
             if interval.certified {
                 if let Some(interval) = clip(segment, interval, block) {
                     self.spans(tube, capsule.part as usize, interval, block, region);
@@ -150,6 +159,7 @@ impl Field {
                 self.spans(tube, capsule.part as usize, interval, block, region);
             }
         }
+        region.intervals = found;
     }
 
     /// Lays the interval over one span if one holds all of it, else over each that holds a part of it.
@@ -225,6 +235,24 @@ impl Field {
                 slope[axis][FOOT + k] = -dq[k][axis];
             }
         }
+        let arc = substitute(&span.arc, centre, scale);
+        let rate = tube.height_rate();
+        let arc_middle = span.arc_middle + arc[0];
+        let mut height = arc.map(|s| s * rate);
+        height[0] = 0.0;
+        let twist = turned(tube, arc_middle).map(|[cos, sin]| {
+            for row in [&mut base].into_iter().chain(&mut slope) {
+                for k in 0..TERMS {
+                    let (u, v) = (row[U + k], row[V + k]);
+                    (row[U + k], row[V + k]) = (u * cos + v * sin, v * cos - u * sin);
+                }
+            }
+            let rate = tube.twist_rate / (TAU * rate);
+            // A foot may lie a little past the piece's ends.
+            let most = 1.05 * height.iter().map(|h| h.abs()).sum::<f64>();
+            Twist { rate: T::from_f64(rate), is_gentle: (rate * most).abs() <= 0.125 }
+        });
+
         let cubic = q[3] != DVec3::ZERO;
         let speed = {
             let mut speed = [0.0; 5];
@@ -237,15 +265,11 @@ impl Field {
         };
         let voxels = dq[0].length().max(speed.iter().sum::<f64>().max(0.0).sqrt()).max(f64::MIN_POSITIVE);
 
-        let arc = substitute(&span.arc, centre, scale);
-        let rate = tube.height_rate();
-        let arc_middle = span.arc_middle + arc[0];
-        let mut height = arc.map(|s| s * rate);
-        height[0] = 0.0;
         let s = [-1.0, 1.0].map(|eta| span.arc_middle + evaluate(&arc, eta));
         let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
 
-        let is_hard = !interval.certified || focal_bound(segment_of(tube, segment), interval, block) < FOCAL;
+        let bounds = Bounds::new(segment_of(tube, segment), interval, block);
+        let is_hard = !interval.certified || bounds.focal() < FOCAL;
         let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
@@ -273,14 +297,15 @@ impl Field {
         });
         let is_full = tube.conserve == Conserve::Full;
         region.pieces.push(Piece {
+            near: Near::piece(&q, range, &radius, interval.certified),
             search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket },
             base: round(base),
             slope: slope.map(round),
             foot: round([g[3], g[4], g[5]]),
             range: round(range),
-            tolerance: T::from_f64(settled_step(segment_of(tube, segment), interval, block) / voxels),
+            tolerance: T::from_f64(bounds.settled_step() / voxels),
             height: round(height),
-            turns: turns(tube, arc_middle),
+            twist,
             radius: round(radius),
             speed: (is_hard || is_full).then(|| round(speed)),
             is_faded: is_hard && tube.overlap != Overlap::Closest,
@@ -304,12 +329,15 @@ impl Field {
         }
         let point = &tube.points[capsule.part as usize];
         let section = &point.section;
+        let [mut u, mut v] = section.axes;
+        if let Some([cos, sin]) = turned(tube, section.arc) {
+            (u, v) = (u * cos + v * sin, v * cos - u * sin);
+        }
         let scale = 1.0 / section.radius;
         let (rows, search) = match point.kind {
-            PointKind::End(outward) => (
-                [section.axes[0], section.axes[1], outward, DVec3::ZERO].map(|v| v * scale),
-                Search::Point { is_corner: false },
-            ),
+            PointKind::End(outward) => {
+                ([u, v, outward, DVec3::ZERO].map(|v| v * scale), Search::Point { is_corner: false })
+            }
             PointKind::Corner(next) => {
                 // Along the hinge, and across it in the plane normal to the first tangent.
                 let hinge = section.tangent.cross(next);
@@ -338,10 +366,10 @@ impl Field {
         }
         // For corners, u = a u' + b v' with (u', v') along and across the hinge; the kernel reads a, b, c, d here.
         let turn = [
-            section.axes[0].dot(rows[0]) * section.radius,
-            section.axes[0].dot(rows[1]) * section.radius,
-            section.axes[1].dot(rows[0]) * section.radius,
-            section.axes[1].dot(rows[1]) * section.radius,
+            u.dot(rows[0]) * section.radius,
+            u.dot(rows[1]) * section.radius,
+            v.dot(rows[0]) * section.radius,
+            v.dot(rows[1]) * section.radius,
         ];
         for (k, value) in turn.into_iter().enumerate() {
             base[U + 1 + k] = value;
@@ -355,7 +383,9 @@ impl Field {
         });
         let mut radius = [0.0; TERMS];
         radius[0] = section.radius / block.h;
+        let centre = (section.centre - block.centre) * (1.0 / block.h);
         region.pieces.push(Piece {
+            near: Near::point(centre, section.radius / block.h, base[FOOT], rows[2] * block.h),
             search,
             base: round(base),
             slope: slope.map(round),
@@ -363,7 +393,7 @@ impl Field {
             range: round([-1.0, 1.0]),
             tolerance: T::from_f64(1.0),
             height: round([0.0; TERMS]),
-            turns: turns(tube, section.arc),
+            twist: None,
             radius: round(radius),
             speed: None,
             is_faded: false,
@@ -401,6 +431,9 @@ impl Field {
                     kind
                 }
             };
+            if let (Some(threshold), LayerKind::Perlin { sums, .. }) = (layer.threshold, &kind) {
+                give_up(threshold, &region.sums[sums[1] - 1], &mut region.octaves);
+            }
             let threshold = layer.threshold.map(T::from_f64);
             region.layers.push(Layer {
                 op: layer.op,
@@ -415,7 +448,7 @@ impl Field {
 
 /// Sorts the pieces along the axis, each with its arc length from that of the first; a closed axis is cut opposite to that.
 fn order<T: Scalar>(tube: &Tube, h: f64, parts: &[Part], pieces: &mut [Piece<T>]) {
-    let Some(first) = parts.first() else { return };
+    let [first, _, ..] = parts else { return };
     let length = tube.curve.length();
     for (piece, part) in pieces.iter_mut().zip(parts) {
         let mut arc = part.arc - first.arc;
@@ -453,11 +486,12 @@ fn touch(tube: &Tube, end: (usize, f64), next: (usize, f64)) -> bool {
         && tube.curve.turn(end.0) <= CORNER
 }
 
-/// Turns at an arc length, taken in double precision to within half a turn of 0, and per unit of height.
-fn turns<T: Scalar>(tube: &Tube, arc: f64) -> Option<[T; 2]> {
+/// Cosine and sine of the angle that the cross-section has turned by at an arc length.
+fn turned(tube: &Tube, arc: f64) -> Option<[f64; 2]> {
     tube.turns.map(|[start, rate]| {
         let turns = start + rate * arc;
-        round([turns - (turns + 0.5).floor(), rate / tube.height_rate()])
+        let (sin, cos) = libm::sincos(TAU * (turns - (turns + 0.5).floor()));
+        [cos, sin]
     })
 }
 
@@ -517,26 +551,41 @@ fn least_slope(reach: &Reach, block: Block, distance: f64) -> f64 {
     here - reach.half * (3.0 * reach.speed * reach.bend + (distance + reach.half * reach.speed) * reach.third)
 }
 
-/// A lower bound of `1 - kappa rho cos` over an interval and the block.
-fn focal_bound(segment: &Segment, interval: Interval, block: Block) -> f64 {
-    let reach = Reach::new(segment, interval.t);
-    let distance = interval.radius + 2.0 * reach.half * reach.speed;
-    let bound = least_slope(&reach, block, distance) / (reach.speed * reach.speed);
-    if bound.is_nan() { 0.0 } else { bound }
+/// Bounds over an interval and those voxels of the block that may have feet there.
+struct Bounds {
+    reach: Reach,
+    h: f64,
+    /// Largest distance of such a voxel from the middle of the interval.
+    distance: f64,
+    /// Least g'.
+    slope: f64,
 }
 
-/// The Newton step, in voxels, after which the foot is within 1e-5 voxels: each step's error is at most `M / (2 G)` times
-/// the square of the last's, with M the largest |g''| and G the smallest g'.
-fn settled_step(segment: &Segment, interval: Interval, block: Block) -> f64 {
-    const ERROR: f64 = 1e-5;
-    let reach = Reach::new(segment, interval.t);
-    let distance = interval.radius + 2.0 * reach.half * reach.speed;
-    let least = least_slope(&reach, block, distance).max(CERTAIN * reach.speed * reach.speed);
-    let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
-    let step = (ERROR * 2.0 * least * reach.speed / (most * block.h).max(f64::MIN_POSITIVE)).sqrt();
-    // Single precision resolves a foot to about this much.
-    let floor = 2e-7 * (1.0 + distance / block.h);
-    step.min(0.1).max(floor)
+impl Bounds {
+    fn new(segment: &Segment, interval: Interval, block: Block) -> Bounds {
+        let reach = Reach::new(segment, interval.t);
+        let distance = interval.radius + 2.0 * reach.half * reach.speed;
+        Bounds { reach, h: block.h, distance, slope: least_slope(&reach, block, distance) }
+    }
+
+    /// A lower bound of `1 - kappa rho cos`.
+    fn focal(&self) -> f64 {
+        let bound = self.slope / (self.reach.speed * self.reach.speed);
+        if bound.is_nan() { 0.0 } else { bound }
+    }
+
+    /// The Newton step, in voxels, after which the foot is within 1e-5 voxels: each step's error is at most `M / (2 G)`
+    /// times the square of the last's, with M the largest |g''| and G the smallest g'.
+    fn settled_step(&self) -> f64 {
+        const ERROR: f64 = 1e-5;
+        let (reach, distance, h) = (&self.reach, self.distance, self.h);
+        let least = self.slope.max(CERTAIN * reach.speed * reach.speed);
+        let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
+        let step = (ERROR * 2.0 * least * reach.speed / (most * h).max(f64::MIN_POSITIVE)).sqrt();
+        // Single precision resolves a foot to about this much.
+        let floor = 2e-7 * (1.0 + distance / h);
+        step.min(0.1).max(floor)
+    }
 }
 
 /// Shortens a certified interval to the feet of the block's voxels; `None` where it holds none.
@@ -563,8 +612,12 @@ fn clip(segment: &Segment, interval: Interval, block: Block) -> Option<Interval>
 fn bisect(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> [f64; 2] {
     let (mut at_low, mut at_high) = (value(low), value(high));
     let mut last = 0;
+    let enough = ENOUGH * (high - low);
     // Regula falsi with the Illinois rule. Any bracket is a valid, if longer, answer, so few rounds will do.
     for _ in 0..8 {
+        if high - low < enough {
+            break;
+        }
         let t = (low * at_high - high * at_low) / (at_high - at_low);
         if !(t > low && t < high) {
             break;

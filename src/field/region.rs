@@ -1,5 +1,7 @@
 //! What a block of voxels needs of a field, re-centred on the block.
 
+use super::narrow::Interval;
+use super::near::Near;
 use crate::noise;
 use crate::num::Scalar;
 use crate::num::poly::TERMS;
@@ -29,6 +31,8 @@ pub struct Region<T> {
     pub(crate) octaves: Vec<Octave<T>>,
     /// Of the last tube's pieces, in the order in which they were found.
     pub(crate) parts: Vec<Part>,
+    /// Memory for the intervals that one part of an axis is divided into.
+    pub(crate) intervals: Vec<Interval>,
 }
 
 impl<T> Region<T> {
@@ -78,6 +82,8 @@ pub(crate) enum Search {
 /// `0 = row[FOOT] + row[FOOT + 1] eta + row[FOOT + 2] eta^2 + foot[0] eta^3 + ...`.
 #[derive(Debug, Clone)]
 pub(crate) struct Piece<T> {
+    /// Where its feet's voxels are.
+    pub(crate) near: Near<T>,
     pub(crate) search: Search,
     pub(crate) base: [T; ROWS],
     pub(crate) slope: [[T; ROWS]; 3],
@@ -88,8 +94,8 @@ pub(crate) struct Piece<T> {
     pub(crate) tolerance: T,
     /// Height l from the layers' origins.
     pub(crate) height: [T; TERMS],
-    /// Turns of the cross-section at the layers' origin, and per unit of height.
-    pub(crate) turns: Option<[T; 2]>,
+    /// How the cross-section twists; what it has turned by the layers' origin is in the table.
+    pub(crate) twist: Option<Twist<T>>,
     /// Radius in voxels: only read where octaves fade.
     pub(crate) radius: [T; TERMS],
     /// `|q'|^2` where `1 - kappa rho cos = g' / |q'|^2` is needed.
@@ -111,6 +117,14 @@ pub(crate) struct Piece<T> {
     pub(crate) fades: bool,
     /// Some layer is a pattern over the world's coordinates.
     pub(crate) in_world: bool,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Twist<T> {
+    /// Turns per unit of height.
+    pub(crate) rate: T,
+    /// No more than an eighth of a turn either way in all of the piece.
+    pub(crate) is_gentle: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -155,6 +169,9 @@ pub(crate) struct Octave<T> {
     pub(crate) octave: noise::Octave<T>,
     /// log2 of its frequency over the first octave's, where its weight is not 1 all over the piece.
     pub(crate) fade: Option<T>,
+    /// A sum, up to this octave, below this stays below the layer's threshold whatever the octaves after it add; `None`
+    /// where it hardly comes so low.
+    pub(crate) hopeless: Option<T>,
 }
 
 /// Rounds an array.

@@ -137,14 +137,14 @@ impl Cylinders {
         for (i, &[u, v, _]) in points[..count].iter().enumerate() {
             let [u, v] = slice.turned([u, v]);
             let place = axes[0] * u + axes[1] * v;
-            scratch.u[i] = T::from_f64(u);
-            scratch.v[i] = T::from_f64(v);
-            scratch.height[i] = T::from_f64(0.0);
-            scratch.weight[i] = T::from_f64(1.0);
-            scratch.radius[i] = radius;
-            scratch.q[i] = T::from_f64(u * u + v * v);
+            scratch.u.part_mut(i)[0] = T::from_f64(u);
+            scratch.v.part_mut(i)[0] = T::from_f64(v);
+            scratch.height.part_mut(i)[0] = T::from_f64(0.0);
+            scratch.weight.part_mut(i)[0] = T::from_f64(1.0);
+            scratch.radius.part_mut(i)[0] = radius;
+            scratch.q.part_mut(i)[0] = T::from_f64(u * u + v * v);
             for axis in 0..3 {
-                scratch.place[axis][i] = T::from_f64(place[axis]);
+                scratch.place[axis].part_mut(i)[0] = T::from_f64(place[axis]);
             }
         }
         count
@@ -164,7 +164,7 @@ impl Cylinders {
         // A line across the disc parts the points' own shares of it, too: `1 - kappa rho cos` over one of them.
         let bend = (slice.bend[0] * slice.bend[0] + slice.bend[1] * slice.bend[1]).sqrt();
         let share = if bend > 1.0 { bend * disc.spacing } else { 0.0 };
-        for (&[u, v, weight], &layers) in points.iter().zip(&scratch.weight) {
+        for (&[u, v, weight], &layers) in points.iter().zip(scratch.weight.all()) {
             let mass = slice.weight * weight * layers.to_f64().max(0.0);
             if slice.is_cap() {
                 masses.caps += mass;

@@ -83,6 +83,11 @@ impl<T: Scalar> Octave<T> {
         n * R::splat(token, self.amplitude)
     }
 
+    /// Least and greatest values, faded or not.
+    pub fn range(&self) -> [f64; 2] {
+        self.form.range().map(|value| value * self.amplitude.to_f64())
+    }
+
     /// What is left of a value that has faded to `weight`.
     #[inline(always)]
     pub fn faded<R: Real<Scalar = T>>(&self, token: R::Token, value: R, weight: R) -> R {

@@ -2,8 +2,8 @@
 //!
 //! Kernels are written once over [`Real`]. With [`F32x16`] they are the product; with `f64` they check its rounding.
 //! Sixteen lanes at every instruction set give every processor the same order of work, so the same bits. For the same
-//! reason there is no fused multiply-add, no approximate reciprocal, and minimum and maximum are selections, since the
-//! instructions for them disagree about NaN and signed zero.
+//! reason there is no fused multiply-add, no approximate reciprocal, and minimum and maximum are selections, since processors
+//! disagree about NaN and signed zero: x86 has them as instructions, others may not.
 //!
 //! Generic code gets an instruction set only by being inlined into the function that enables it: every function that
 //! takes a [`Real`] must be `#[inline(always)]`, and kernels hold no closures and no iterator adaptors.
@@ -136,6 +136,8 @@ pub trait Real:
     /// Sine and cosine of so many turns: absolute error below 3e-7 (`f32`) plus 2 pi times the
     /// rounding of the turns, or of the `libm` crate (`f64`).
     fn sin_cos_turns(self, token: Self::Token) -> (Self, Self);
+    /// The same of no more than an eighth of a turn either way: absolute error below 1.5e-7 (`f32`).
+    fn sin_cos_eighth(self, token: Self::Token) -> (Self, Self);
 
     /// Lane-wise `self < other`; false with NaN.
     fn lt(self, other: Self) -> Self::Mask;
@@ -187,6 +189,9 @@ pub trait Real:
         self.most(lo).least(hi)
     }
 }
+
+/// Whether the instructions for minimum and maximum are those selections: the second operand where neither is smaller.
+const SELECTS: bool = cfg!(target_arch = "x86_64");
 
 impl<S: Simd> Real for f32x16<S> {
     type Scalar = f32;
@@ -243,17 +248,9 @@ impl<S: Simd> Real for f32x16<S> {
     }
     #[inline(always)]
     fn sin_cos_turns(self, token: S) -> (Self, Self) {
-        // To the nearest quarter, then by Taylor's series in radians on [-pi/4, pi/4]: the first terms left out are
-        // x^11 / 11! < 2e-9 and x^10 / 10! < 3e-8.
-        let one = <Self as SimdBase<S>>::splat(token, 1.0);
+        // From the nearest quarter.
         let quarters = SimdFloat::floor(self * 4.0 + 0.5);
-        let x = (self - quarters * 0.25) * std::f32::consts::TAU;
-        let x2 = x * x;
-        let sin = ((((x2 * (1.0 / 362_880.0) - (1.0 / 5_040.0)) * x2 + (1.0 / 120.0)) * x2 - (1.0 / 6.0))
-            * x2
-            + one)
-            * x;
-        let cos = (((x2 * (1.0 / 40_320.0) - (1.0 / 720.0)) * x2 + (1.0 / 24.0)) * x2 - 0.5) * x2 + one;
+        let (sin, cos) = (self - quarters * 0.25).sin_cos_eighth(token);
         // Taken modulo 4 before it becomes an integer: conversions out of range differ between processors.
         let quarters = quarters - SimdFloat::floor(quarters * 0.25) * 4.0;
         let quarter: u32x16<S> = quarters.to_int::<i32x16<S>>().bitcast();
@@ -261,6 +258,20 @@ impl<S: Simd> Real for f32x16<S> {
         let (a, b) = (odd.select(cos, sin), odd.select(sin, cos));
         // Sine is negative in quarters 2 and 3, cosine in 1 and 2.
         (a.flip::<30>(quarter), b.flip::<30>(quarter + 1))
+    }
+    #[inline(always)]
+    fn sin_cos_eighth(self, token: S) -> (Self, Self) {
+        // Taylor's series in radians on [-pi/4, pi/4]: the first terms left out are x^11 / 11! < 2e-9 and
+        // x^10 / 10! < 3e-8.
+        let one = <Self as SimdBase<S>>::splat(token, 1.0);
+        let x = self * std::f32::consts::TAU;
+        let x2 = x * x;
+        let sin = ((((x2 * (1.0 / 362_880.0) - (1.0 / 5_040.0)) * x2 + (1.0 / 120.0)) * x2 - (1.0 / 6.0))
+            * x2
+            + one)
+            * x;
+        let cos = (((x2 * (1.0 / 40_320.0) - (1.0 / 720.0)) * x2 + (1.0 / 24.0)) * x2 - 0.5) * x2 + one;
+        (sin, cos)
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Self::Mask {
@@ -327,6 +338,24 @@ impl<S: Simd> Real for f32x16<S> {
     fn flip<const SHIFT: u32>(self, bits: Self::Bits) -> Self {
         (self.to_bits() ^ ((bits << SHIFT) & 0x8000_0000)).bitcast()
     }
+    #[inline(always)]
+    #[allow(clippy::disallowed_methods, reason = "where the instruction is the selection")]
+    fn least(self, other: Self) -> Self {
+        if SELECTS {
+            <Self as SimdBase<S>>::min(self, other)
+        } else {
+            Self::select(self.lt(other), self, other)
+        }
+    }
+    #[inline(always)]
+    #[allow(clippy::disallowed_methods, reason = "where the instruction is the selection")]
+    fn most(self, other: Self) -> Self {
+        if SELECTS {
+            <Self as SimdBase<S>>::max(self, other)
+        } else {
+            Self::select(other.lt(self), self, other)
+        }
+    }
 }
 
 impl Real for f64 {
@@ -375,6 +404,10 @@ impl Real for f64 {
     #[inline(always)]
     fn sin_cos_turns(self, (): ()) -> (f64, f64) {
         libm::sincos(std::f64::consts::TAU * (self - f64::floor(self)))
+    }
+    #[inline(always)]
+    fn sin_cos_eighth(self, (): ()) -> (f64, f64) {
+        libm::sincos(std::f64::consts::TAU * self)
     }
     #[inline(always)]
     fn lt(self, other: f64) -> bool {
@@ -481,14 +514,19 @@ mod tests {
         }
     }
 
-    struct Turns<'a>(&'a [f32; 16]);
+    struct Turns<'a> {
+        of: &'a [f32; 16],
+        are_gentle: bool,
+    }
 
     impl WithLevel for Turns<'_> {
         type Output = [[f32; 16]; 2];
         #[inline(always)]
         fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> [[f32; 16]; 2] {
             let mut out = [[0.0; 16]; 2];
-            let (sin, cos) = R::load(token, self.0).sin_cos_turns(token);
+            let turns = R::load(token, self.of);
+            let (sin, cos) =
+                if self.are_gentle { turns.sin_cos_eighth(token) } else { turns.sin_cos_turns(token) };
             sin.store(&mut out[0]);
             cos.store(&mut out[1]);
             out
@@ -501,7 +539,8 @@ mod tests {
             let first = f32::from(step) * 0.0137;
             let lanes: [f32; 16] =
                 std::array::from_fn(|i| first * [1.0, 1.0, 17.0, 1e3][i % 4] + 0.125 * i as f32);
-            let found = with_level(Level::best(), Turns(&lanes));
+            let found = with_level(Level::best(), Turns { of: &lanes, are_gentle: false });
+            let gentle = with_level(Level::best(), Turns { of: &lanes, are_gentle: true });
             for (i, &turns) in lanes.iter().enumerate() {
                 let (sin, cos) = f64::from(turns).sin_cos_turns(());
                 assert!(
@@ -514,6 +553,11 @@ mod tests {
                     "cosine of {turns}: {}, not {cos}",
                     found[1][i]
                 );
+                if turns.abs() <= 0.125 {
+                    let [sin_here, cos_here] = gentle.map(|lanes| f64::from(lanes[i]));
+                    assert!((sin_here - sin).abs() < 1.5e-7, "sine of {turns}: {sin_here}, not {sin}");
+                    assert!((cos_here - cos).abs() < 1.5e-7, "cosine of {turns}: {cos_here}, not {cos}");
+                }
             }
         }
     }

@@ -1,10 +1,13 @@
 //! What planning, encoding and writing take beside evaluation, what a second thread gains, and what a spool costs.
+//!
+//! *plan*, *encode*, *write* and their *sum* are processor time of one thread over that of evaluation. *two threads* is the
+//! speed of whole bakes by the clock over that of one, beside what processors take in all, which tells how much of the rest
+//! memory and caches that are shared cost; *spool* the speed with all leaves spooled over that with none.
 
 use std::time::Instant;
 
 use cpu_time::ProcessTime;
 use rayon::ThreadPool;
-use serde_json::{Value, json};
 use vdbake::field::{Field, Lattice};
 use vdbake::formats::vdb::{
     self, Compression, Encoder, FileHeader, GridClass, GridHeader, Metadata, VdbGridBuilder, VectorType,
@@ -12,6 +15,9 @@ use vdbake::formats::vdb::{
 use vdbake::num::Level;
 use vdbake::scene::Scene;
 use vdbake::volume::{Plan, bake};
+
+use crate::table::Table;
+use crate::{Options, median};
 
 const ROUNDS: usize = 5;
 const WAYS: [(&str, Compression); 3] =
@@ -27,20 +33,23 @@ struct Times {
     write: f64,
 }
 
-/// Prints the figures for scenes at a resolution, each a ratio within the run, and gives the same as JSON.
-pub(crate) fn run(scenes: &[&str], resolution: f64) -> Value {
-    println!(
-        "plan, encode and write over evaluation, processor time of one thread, medians of {ROUNDS} rounds"
-    );
-    println!("two threads over one, and a spool for all leaves over none: by the clock, of whole bakes");
-    println!(
-        "{:<12} {:<6} {:>7} {:>7} {:>7} {:>7} {:>12} {:>12} {:>7}",
-        "scene", "codec", "plan", "encode", "write", "sum", "two threads", "processors", "spool"
-    );
+pub(crate) fn run(options: &Options) -> Table {
+    let mut table = Table::new(&[
+        "scene",
+        "resolution",
+        "codec",
+        "plan",
+        "encode",
+        "write",
+        "sum",
+        "two_threads",
+        "processors",
+        "spool",
+    ]);
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let pools = [pool(1), pool(2)];
-    let mut rows = vec![];
-    for name in scenes {
+    let resolution = options.given.first().copied().unwrap_or(512.0);
+    for name in ["tornado", "solar_flare", "galaxy"] {
         let path = format!("{}/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
         let text = std::fs::read_to_string(&path).expect("a scene of the project");
         let scene = Scene::parse(&text, &path).expect("a valid scene");
@@ -52,29 +61,27 @@ pub(crate) fn run(scenes: &[&str], resolution: f64) -> Value {
                 .map(|_| [once(&pools[0], false), once(&pools[1], false), once(&pools[1], true)])
                 .collect();
             let figure = |of: fn(&[Times; 3]) -> f64| median(rounds.iter().map(of).collect());
-            let plan = figure(|[one, ..]| one.plan / one.evaluate);
-            let encode = figure(|[one, ..]| one.encode / one.evaluate);
-            let write = figure(|[one, ..]| one.write / one.evaluate);
-            let sum = figure(|[one, ..]| (one.plan + one.encode + one.write) / one.evaluate);
-            let threads = figure(|[one, two, _]| one.clock / two.clock);
-            // What the second thread would gain were it not for memory and caches that are shared.
-            let processors = figure(|[one, two, _]| {
-                let all = |times: &Times| times.plan + times.evaluate + times.encode + times.write;
-                all(two) / all(one)
-            });
-            let spool = figure(|[_, two, spooled]| two.clock / spooled.clock);
-            println!(
-                "{name:<12} {codec:<6} {plan:>7.3} {encode:>7.3} {write:>7.3} {sum:>7.3} {threads:>12.2} {processors:>12.2} {spool:>7.2}"
-            );
-            rows.push(json!({
-                "scene": name, "resolution": resolution, "compression": codec,
-                "plan_over_evaluate": plan, "encode_over_evaluate": encode, "write_over_evaluate": write,
-                "sum_over_evaluate": sum, "two_threads_speedup": threads,
-                "two_threads_processor_time": processors, "spooled_speed": spool,
-            }));
+            table.push(vec![
+                name.into(),
+                resolution.into(),
+                codec.into(),
+                figure(|[one, ..]| one.plan / one.evaluate).into(),
+                figure(|[one, ..]| one.encode / one.evaluate).into(),
+                figure(|[one, ..]| one.write / one.evaluate).into(),
+                figure(|[one, ..]| (one.all() - one.evaluate) / one.evaluate).into(),
+                figure(|[one, two, _]| one.clock / two.clock).into(),
+                figure(|[one, two, _]| two.all() / one.all()).into(),
+                figure(|[_, two, spooled]| two.clock / spooled.clock).into(),
+            ]);
         }
     }
-    Value::Array(rows)
+    table
+}
+
+impl Times {
+    fn all(&self) -> f64 {
+        self.plan + self.evaluate + self.encode + self.write
+    }
 }
 
 /// Bakes to a nameless file, as the program does but for the last step, waiting for the disk.
@@ -109,9 +116,4 @@ fn once(scene: &Scene, resolution: f64, compression: Compression, spool: bool) -
         encode: phases.encode + phases.append,
         write: cpu.elapsed().as_secs_f64() - baked,
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
