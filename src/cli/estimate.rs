@@ -18,6 +18,8 @@ use crate::volume::{self, Brick, Encode, Plan, Precision, Sink};
 /// Bricks that are baked: one sample after the other, as long as there is time. The largest is within 2 % of the whole
 /// even where half of the bricks are empty.
 const SAMPLES: [usize; 6] = [16, 64, 256, 1024, 4096, 16384];
+/// Samples of fewer bricks do not show how much of the processors there is to be had.
+const ENOUGH: usize = 1024;
 /// Every so many bricks are encoded in all ways.
 const TRIED: usize = 8;
 const WAYS: [Compression; 3] = [Compression::Blosc, Compression::Zip, Compression::None];
@@ -73,14 +75,15 @@ impl Estimate {
         let cutoff = job.scene.bake().cutoff;
         let started = Instant::now();
         let mut sizes = SAMPLES.into_iter();
-        let (sample, sink, tally, phases) = loop {
+        let (sample, sink, tally, phases, clock) = loop {
+            let begun = Instant::now();
             let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
             let mut sink = Trial { encoder: job.encoder, found: Tried::default() };
             let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut sink, |_| {})
                 .unwrap_or_else(|never| match never {});
             let long = started.elapsed().as_secs_f64() > patience;
             if long || sizes.len() == 0 || sample.bricks() == plan.bricks() {
-                break (sample, sink, tally, phases);
+                break (sample, sink, tally, phases, begun.elapsed().as_secs_f64());
             }
         };
         let Tried { leaves, bytes, ways, bricks, .. } = sink.found;
@@ -119,6 +122,9 @@ impl Estimate {
             .collect();
         let bytes = planned.file(job.encoder.compression(), leaves, encoded);
         let spooled_bytes = need.spooled(job.budget(), encoded);
+        // By the clock, for each second of a processor: other programs want processors, too.
+        let used = phases.evaluate + phases.encode + phases.append;
+        let share = if sample.bricks() < ENOUGH { 1.0 / threads } else { (clock / used).max(1.0 / threads) };
         let [waiting, copying] = on_disk(bytes, spooled_bytes, folder);
         Estimate {
             sampled_bricks: sample.bricks() as u64,
@@ -126,7 +132,7 @@ impl Estimate {
             bytes,
             spooled_bytes,
             memory_bytes: need.about(job.budget(), leaves, encoded, job.resident()),
-            seconds: planned.seconds + waiting[1] + waiting[0].max((cpu + copying[0]) / threads),
+            seconds: planned.seconds + waiting[1] + waiting[0].max((cpu + copying[0]) * share),
             cpu_seconds: planned.seconds + cpu + copying[0] + copying[1],
             advice: advice(&compressions, compression_name(job.encoder.compression())),
             compressions,
