@@ -1,13 +1,13 @@
 //! Payloads of value blocks: numbers as bytes, plain or compressed.
 
-use flate2::{Compress, FlushCompress, Status};
 use half::f16;
+use libdeflater::{CompressionLvl, Compressor};
 use lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_output_size};
 
 use super::codec::Compression;
 
 /// On voxel values, noisy or smooth, levels 1 to 6 come within 0.1 % of each other; level 1 takes half the time.
-const ZLIB_LEVEL: u32 = 1;
+const ZLIB_LEVEL: i32 = 1;
 
 /// Bytes per Blosc block. From 64 KiB on lz4_flex uses a hash that depends on the width of pointers; below, only on
 /// the order of bytes.
@@ -42,10 +42,9 @@ pub(super) struct Packer {
     packed: Vec<u8>,
     // An input of 64 KiB would change its kind for good, and later bytes would depend on that: blocks are smaller.
     lz4: CompressTable,
-    // flate2's default backend, miniz_oxide, has one code path. Those that choose hash functions by the processor's
-    // features (zlib-rs, zlib-ng) give different bytes on different machines. On streams as short as a leaf zlib-rs is not
-    // faster; libdeflate takes 0.6 of the time for the same size, but needs a C compiler.
-    zlib: Option<Compress>,
+    // One code path for compressing, on all processors. Libraries that choose hash functions by the processor's features
+    // (zlib-rs, zlib-ng) give different bytes on different machines.
+    zlib: Option<Compressor>,
 }
 
 impl Packer {
@@ -70,12 +69,11 @@ impl Packer {
         put_bytes(&mut self.bytes, numbers);
         let room = self.bytes.len().saturating_sub(1);
         self.packed.resize(self.packed.len().max(room), 0);
-        let zlib = self.zlib.get_or_insert_with(|| Compress::new(flate2::Compression::new(ZLIB_LEVEL), true));
-        zlib.reset();
-        let status = zlib.compress(&self.bytes, &mut self.packed[..room], FlushCompress::Finish);
-        let (size, payload) = match (status, usize::try_from(zlib.total_out())) {
-            (Ok(Status::StreamEnd), Ok(len)) => (chunk_size(len), &self.packed[..len]),
-            _ => (-chunk_size(self.bytes.len()), &self.bytes[..]),
+        let level = || CompressionLvl::new(ZLIB_LEVEL).unwrap_or_default();
+        let zlib = self.zlib.get_or_insert_with(|| Compressor::new(level()));
+        let (size, payload) = match zlib.zlib_compress(&self.bytes, &mut self.packed[..room]) {
+            Ok(len) => (chunk_size(len), &self.packed[..len]),
+            Err(_) => (-chunk_size(self.bytes.len()), &self.bytes[..]),
         };
         out.extend(size.to_le_bytes());
         out.extend(payload);

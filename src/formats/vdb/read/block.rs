@@ -1,6 +1,6 @@
 //! Value blocks: the values of a node, of which some are stored and the rest follow from a code.
 
-use flate2::{Decompress, FlushDecompress, Status};
+use libdeflater::Decompressor;
 
 use super::super::codec::{FLAG_ACTIVE_MASK, FLAG_BLOSC, FLAG_ZIP};
 use super::blosc;
@@ -209,22 +209,20 @@ fn scatter<T: Stored>(values: &[T], mask: &[u64], out: &mut [T]) {
 }
 
 /// Working memory of a thread that decodes.
-#[derive(Debug)]
 pub(super) struct Scratch<T> {
     bytes: Bytes,
     values: Vec<T>,
 }
 
-#[derive(Debug)]
 struct Bytes {
     shuffled: Vec<u8>,
     raw: Vec<u8>,
-    zlib: Decompress,
+    zlib: Decompressor,
 }
 
 impl<T> Default for Scratch<T> {
     fn default() -> Self {
-        let bytes = Bytes { shuffled: vec![], raw: vec![], zlib: Decompress::new(true) };
+        let bytes = Bytes { shuffled: vec![], raw: vec![], zlib: Decompressor::new() };
         Self { bytes, values: vec![] }
     }
 }
@@ -232,12 +230,9 @@ impl<T> Default for Scratch<T> {
 impl Bytes {
     /// Fills `raw` from a zlib stream that holds exactly as much.
     fn unzip(&mut self, stream: &[u8]) -> Result<(), Fault> {
-        self.zlib.reset(true);
-        let status = self.zlib.decompress(stream, &mut self.raw, FlushDecompress::Finish);
-        if matches!(status, Ok(Status::StreamEnd)) && self.zlib.total_out() == self.raw.len() as u64 {
-            Ok(())
-        } else {
-            Err(Fault::Invalid("zlib stream"))
+        match self.zlib.zlib_decompress(stream, &mut self.raw) {
+            Ok(len) if len == self.raw.len() => Ok(()),
+            _ => Err(Fault::Invalid("zlib stream")),
         }
     }
 }
