@@ -30,7 +30,7 @@ impl Form {
         }
     }
 
-    /// Least and greatest values, for noise within [`BOUND`](super::BOUND).
+    /// Least and greatest values, for noise within [`BOUND`].
     pub fn range(self) -> [f64; 2] {
         match self {
             Form::Fbm => [-BOUND, BOUND],
