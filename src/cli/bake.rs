@@ -318,7 +318,7 @@ fn bake(
         faded_mass: mass.faded(),
         mass_notes: mass.notes(&job.scene),
         mass,
-        left_out: job.field.left_out(job.lattice),
+        left_out: job.field.left_out(job.lattice, plan.has_edges()),
         warnings: text::warnings(job.scene.warnings()),
         sampling_errors: sampling_errors(&job.scene),
         content_hash: content,

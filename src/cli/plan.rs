@@ -164,7 +164,7 @@ fn plan(
         estimated: Estimate::new(&job, &planned, patience, Some(Path::new("."))),
         threads: rayon::current_num_threads(),
         simd: Level::best().name(),
-        left_out: job.field.left_out(job.lattice),
+        left_out: job.field.left_out(job.lattice, plan.has_edges()),
         warnings: text::warnings(job.scene.warnings()),
         sampling_errors: sampling_errors(&job.scene),
     };

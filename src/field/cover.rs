@@ -19,20 +19,24 @@ pub struct Capsule {
     pub(crate) is_point: bool,
 }
 
-/// A cover would hold more capsules than this: the voxel is far too small for the scene.
+/// More capsules than this are never worth having: the voxel is far too small for the scene.
 const MOST_CAPSULES: usize = 1 << 24;
+/// While a list grows it is held with its copy of twice the length.
+const GROWTH: u64 = 3;
 
 impl Field {
     /// Capsules that hold all of the density, in the order of the tubes and along them; `None` where there would be more
-    /// than 2^24 of them.
-    pub fn cover(&self, lattice: Lattice) -> Option<Vec<Capsule>> {
+    /// than 2^24 of them, or to make the list would take more than `budget` bytes.
+    pub fn cover(&self, lattice: Lattice, budget: u64) -> Option<Vec<Capsule>> {
+        let most = usize::try_from(budget / (GROWTH * size_of::<Capsule>() as u64)).unwrap_or(usize::MAX);
+        let most = most.min(MOST_CAPSULES);
         let mut capsules = Vec::new();
         for (index, tube) in self.tubes.iter().enumerate() {
             let index = u32::try_from(index).ok()?;
             for (part, spans) in tube.spans.iter().enumerate() {
                 let part = u32::try_from(part).ok()?;
                 for span in spans {
-                    cover(tube, index, part, span.core, lattice.voxel_size, &mut capsules)?;
+                    cover(tube, index, part, span.core, lattice.voxel_size, most, &mut capsules)?;
                 }
             }
             for (part, point) in tube.points.iter().enumerate() {
@@ -64,8 +68,16 @@ impl Field {
 }
 
 /// Halves the interval until a piece is about a block long.
-fn cover(tube: &Tube, index: u32, part: u32, t: [f64; 2], h: f64, out: &mut Vec<Capsule>) -> Option<()> {
-    if out.len() >= MOST_CAPSULES {
+fn cover(
+    tube: &Tube,
+    index: u32,
+    part: u32,
+    t: [f64; 2],
+    h: f64,
+    most: usize,
+    out: &mut Vec<Capsule>,
+) -> Option<()> {
+    if out.len() >= most {
         return None;
     }
     let segment = part as usize;
@@ -73,8 +85,8 @@ fn cover(tube: &Tube, index: u32, part: u32, t: [f64; 2], h: f64, out: &mut Vec<
     let middle = 0.5 * (t[0] + t[1]);
     #[allow(clippy::cast_precision_loss, reason = "eight")]
     if arc[1] - arc[0] > 1.25 * EDGE as f64 * h && middle > t[0] && middle < t[1] {
-        cover(tube, index, part, [t[0], middle], h, out)?;
-        return cover(tube, index, part, [middle, t[1]], h, out);
+        cover(tube, index, part, [t[0], middle], h, most, out)?;
+        return cover(tube, index, part, [middle, t[1]], h, most, out);
     }
     let x = arc.map(|s| s / tube.curve.length());
     let [_, radius] = tube.radius.range(x);

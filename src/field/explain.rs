@@ -9,20 +9,17 @@ use crate::scene::{Antialias, Caps, Conserve, Radial, Space};
 
 impl Field {
     /// The stages left out of the evaluation at a lattice, each with the reason, tube by tube and then of the whole.
+    /// `has_edges` is whether the plan found any.
     ///
     /// Besides these, every block leaves out what cannot matter to it: far axes, octaves that have faded there, the fade
     /// of far ends, and the fade at the focal set where it is certainly 1.
-    pub fn left_out(&self, lattice: Lattice) -> Vec<String> {
+    pub fn left_out(&self, lattice: Lattice, has_edges: bool) -> Vec<String> {
         let mut out: Vec<String> =
             self.tubes.iter().flat_map(|tube| self.left_out_of(tube, lattice)).collect();
         match self.antialias {
             Antialias::Off => out.push("anti-aliasing: it is off".into()),
-            Antialias::Adaptive => {
-                let cover = self.cover(lattice).unwrap_or_default();
-                if !cover.iter().any(|capsule| self.edges(capsule, lattice).is_some()) {
-                    out.push("anti-aliasing: nothing has an edge".into());
-                }
-            }
+            Antialias::Adaptive if !has_edges => out.push("anti-aliasing: nothing has an edge".into()),
+            Antialias::Adaptive => {}
         }
         out
     }

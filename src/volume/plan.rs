@@ -118,7 +118,7 @@ impl Plan {
         if estimate * BYTES as f64 > 2.0 * budget as f64 {
             return Err(PlanError::TooMany { bricks: estimate });
         }
-        let cover = field.cover(lattice).ok_or(PlanError::TooMany { bricks: estimate })?;
+        let cover = field.cover(lattice, budget).ok_or(PlanError::TooMany { bricks: estimate })?;
         let has_edges = with_edges
             && field.is_antialiased()
             && cover.par_iter().any(|capsule| field.edges(capsule, lattice).is_some());
@@ -230,6 +230,11 @@ impl Plan {
         let candidates = self.candidates(index);
         let extent = if self.has_edge(index) { Extent::Whole } else { self.extent };
         field.narrow(self.lattice, extent, &self.cover, candidates, self.block(index), region);
+    }
+
+    /// Whether an edge may pass through any of the bricks.
+    pub fn has_edges(&self) -> bool {
+        self.edges.contains(&true)
     }
 
     /// Whether an edge may pass through candidate brick `index`, so that its voxels are to be anti-aliased.

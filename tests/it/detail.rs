@@ -426,7 +426,7 @@ fn what_is_left_out_is_said() {
         "[[tube]]\ncurve = { points = [[0,0,0],[0,0,1],[0,0,2]] }\n[[tube.layer]]\noctaves = 30\nwarp = { octaves = 25 }\n\
          [[tube.layer]]\nspace = \"world\"\noctaves = 12\n",
     );
-    let said = |scene: &Scene| Field::compile(scene).left_out(Lattice { voxel_size: 0.01 }).join("\n");
+    let said = |scene: &Scene| Field::compile(scene).left_out(Lattice { voxel_size: 0.01 }, false).join("\n");
     let text = said(&scene);
     for line in [
         // Octave k has 2 2^k cells across a radius of 0.2: few enough up to k = 21, and 0.1 2^k in a voxel.
