@@ -25,6 +25,7 @@ mod memory;
 mod noise;
 mod oracle;
 mod reader;
+mod rows;
 mod same_bytes;
 mod sample;
 mod sequence;

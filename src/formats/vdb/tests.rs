@@ -271,7 +271,7 @@ fn bytes_do_not_depend_on_batches_or_threads() {
 fn bytes_are_known() {
     let known = [
         "4280a24de147d0f1f1938f0745f7c5ad5d632793c19710004c40db7612d76914",
-        "1dac43e7f3ba76cbed839f61a932041bb4a4d6bd6cb8a8888ae3ca90dfbbdc26",
+        "14220fb95b44158ad7160f8b7efda363afa10b08fd8b91d14738ae80f7511296",
         "2898b403b73eb74468947a7de38ffae5dcf02caf857faabf26354376513599cd",
     ];
     for (compression, known) in ALL.into_iter().zip(known) {
