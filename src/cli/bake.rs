@@ -333,7 +333,7 @@ fn empty_grid(job: &Job, plan: &Plan, planning: f64, output: &Output) -> Result<
     let empty = job.empty_file()?;
     disk::check(job, &Planned { plan, bound: &bound, need: &need, empty, seconds: planning }, output)?;
     let grid = VdbGridBuilder::with_encoder(job.encoder).with_room(plan.bricks());
-    if need.spool(job.budget()) == 0 {
+    if need.spool(job.free()) == 0 {
         return Ok(grid);
     }
     let failed = |error| {
@@ -341,7 +341,7 @@ fn empty_grid(job: &Job, plan: &Plan, planning: f64, output: &Output) -> Result<
         Failure::failed(format!("cannot make a temporary file in {folder}")).because(io::Error::from(error))
     };
     let spool = output.spool().map_err(|error| failed(error.kind()))?;
-    Ok(grid.with_spool(need.room(job.budget()), spool))
+    Ok(grid.with_spool(need.room(job.free()), spool))
 }
 
 /// Evaluates and encodes all bricks.

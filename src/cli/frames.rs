@@ -133,12 +133,11 @@ impl Pattern {
         let fail = |what: &str| {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy().replace('#', "");
             let stem = stem.trim_end_matches('.');
-            let example = path.with_file_name(format!("{stem}.####.vdb"));
-            Err(Failure::usage(format!("the output {} has {what} for the frame's number", path.display()))
-                .hint(format!(
-                    "one run of #, one for each digit, in the file's name: -o {}",
-                    example.display()
-                )))
+            let extension = path.extension().unwrap_or_default().to_string_lossy().replace('#', "");
+            let example = path.with_file_name(format!("{stem}.####.{extension}"));
+            Err(Failure::usage(format!("the output {} has {what} for the number", path.display())).hint(
+                format!("one run of #, one for each digit, in the file's name: -o {}", example.display()),
+            ))
         };
         let Some(name) = path.file_name().and_then(|name| name.to_str()) else {
             return fail("no place");
@@ -228,7 +227,7 @@ mod tests {
         failure.report(&mut message).expect("written");
         assert_eq!(
             String::from_utf8_lossy(&message),
-            "error: the output out/a##b##.vdb has more than one place for the frame's number\n\
+            "error: the output out/a##b##.vdb has more than one place for the number\n\
              hint: one run of #, one for each digit, in the file's name: -o out/ab.####.vdb\n"
         );
     }

@@ -202,6 +202,8 @@ pub(super) struct Job {
     budget: Amount,
     /// Bytes that the process took at most until the scene was compiled.
     resident: u64,
+    /// Bytes that the process has kept from earlier frames.
+    kept: u64,
 }
 
 impl Job {
@@ -233,7 +235,8 @@ impl Job {
         let budget = options.scene.budget();
         // What earlier frames took is given back, and must not count for this one.
         let resident = *source.resident.get_or_init(memory::resident);
-        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident })
+        let kept = memory::kept(resident);
+        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident, kept })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -270,6 +273,11 @@ impl Job {
         self.budget.bytes()
     }
 
+    /// Bytes of them that nothing has taken: what earlier frames left may be of no use to this one.
+    pub(super) fn free(&self) -> u64 {
+        self.budget().saturating_sub(self.kept)
+    }
+
     /// The part of the memory that does not depend on the plan.
     fn process(&self) -> u64 {
         memory::process(self.resident, self.scene.text().len())
@@ -298,6 +306,7 @@ impl Job {
         }
     }
 
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bytes, and saturating")]
     fn over_budget(&self, bricks: Option<u64>, need: f64) -> Failure {
         #[allow(clippy::cast_precision_loss, reason = "for show")]
         let budget = self.budget.show(self.budget.bytes() as f64);
@@ -305,17 +314,19 @@ impl Job {
             Some(bricks) => format!(
                 "too many bricks for the memory: a bake of {} of 8^3 voxels takes up to {} even with all values on disk, and {budget} may be used",
                 text::number(bricks, "brick"),
-                self.budget.show(need),
+                memory::enough(need as u64),
             ),
             None => format!(
                 "too many bricks for the memory: to plan them takes more than the {budget} that may be used"
             ),
         });
+        let more = match bricks {
+            Some(_) => format!("allow more with --memory {}", memory::enough(need as u64)),
+            None => "allow more with --memory".to_owned(),
+        };
         match self.fitting(self.coarser(self.lattice.voxel_size, need)) {
-            Some(size) => failure.hint(format!("--voxel-size {size} fits, or allow more with --memory")),
-            None => {
-                failure.hint("no voxel size fits that leaves any of the density: allow more with --memory")
-            }
+            Some(size) => failure.hint(format!("--voxel-size {size} fits, or {more}")),
+            None => failure.hint(format!("no voxel size fits that leaves any of the density: {more}")),
         }
     }
 

@@ -49,6 +49,11 @@ impl Amount {
     }
 }
 
+/// An amount that is no less than so many bytes, as `--memory` takes it.
+pub(super) fn enough(bytes: u64) -> String {
+    format!("{}MiB", bytes.div_ceil(1 << 20))
+}
+
 impl FromStr for Amount {
     type Err = String;
 
@@ -63,6 +68,11 @@ impl FromStr for Amount {
 /// Bytes that the process took so far at most, as far as the system tells.
 pub(super) fn resident() -> u64 {
     machine::peak_memory().unwrap_or(0)
+}
+
+/// Bytes that the process has beyond `resident`: what an earlier frame took, was freed, and the allocator kept.
+pub(super) fn kept(resident: u64) -> u64 {
+    machine::present_memory().unwrap_or(0).saturating_sub(resident)
 }
 
 /// Upper bound of what the process takes besides bricks, on the current `rayon` pool, when it took `resident` bytes to

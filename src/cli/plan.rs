@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::estimate::{Estimate, Planned, Way};
 use super::job::{Job, Moment, Options, SamplingError, Source, sampling_errors};
+use super::memory;
 use super::progress::Planning;
 use super::{Failure, Global, text};
 use crate::num::Level;
@@ -230,7 +231,7 @@ fn human(report: &Report, explain: bool) -> String {
             text::count(most.active_voxels),
             text::bytes(most.bytes),
             text::bytes(most.memory_bytes),
-            text::bytes(report.least_memory_bytes),
+            memory::enough(report.least_memory_bytes),
         ),
     );
     table.row(

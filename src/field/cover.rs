@@ -21,6 +21,8 @@ pub struct Capsule {
 
 /// More capsules than this are never worth having: the voxel is far too small for the scene.
 const MOST_CAPSULES: usize = 1 << 24;
+/// A block so little before an end's plane, relative to half its edge, is taken to be on it.
+const SLIM: f64 = 3e-4;
 /// While a list grows it is held with its copy of twice the length.
 const GROWTH: u64 = 3;
 
@@ -192,7 +194,8 @@ impl Capsule {
             return true;
         }
         let point = &tube.points[self.part as usize];
-        let beyond = |v: DVec3| (o - point.section.centre).dot(v) + half_edge * support(v) >= 0.0;
+        let beyond =
+            |v: DVec3| (o - point.section.centre).dot(v) + half_edge * support(v) >= -SLIM * half_edge;
         match point.kind {
             PointKind::End(outward) => beyond(outward),
             PointKind::Corner(next) => beyond(point.section.tangent) && beyond(-next),

@@ -293,6 +293,7 @@ fn at_point<R: Real>(
 ) -> usize {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
     let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+    let least = R::splat(token, piece.range[0]);
     let turn = [1, 2, 3, 4].map(|k| R::splat(token, piece.base[U + k]));
     let radius = R::splat(token, piece.radius[0]);
     let mut packed = 0;
@@ -305,7 +306,7 @@ fn at_point<R: Real>(
         let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
         let beyond = rows.row(token, FOOT);
         let q = u * u + v * v + beyond * beyond;
-        let mut inside = R::and(zero.lt(beyond), q.le(one));
+        let mut inside = R::and(least.lt(beyond), q.le(one));
         if is_corner {
             inside = R::and(inside, rows.row(token, SECOND).lt(zero));
             // Turned into the first plane, on the side that the axis turns away from.

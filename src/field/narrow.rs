@@ -364,6 +364,12 @@ impl Field {
             base[FOOT] += ROUNDING;
             base[SECOND] -= ROUNDING;
         }
+        // Where the radius grows like a root, the piece at an end is too short for single precision to tell what is on it: the
+        // end takes feet a little before its plane, too.
+        let least = match point.kind {
+            PointKind::End(_) => -OVERLAP * block.h * scale,
+            PointKind::Corner(_) => 0.0,
+        };
         // For corners, u = a u' + b v' with (u', v') along and across the hinge; the kernel reads a, b, c, d here.
         let turn = [
             u.dot(rows[0]) * section.radius,
@@ -390,7 +396,7 @@ impl Field {
             base: round(base),
             slope: slope.map(round),
             foot: round([0.0; 3]),
-            range: round([-1.0, 1.0]),
+            range: round([least, 1.0]),
             tolerance: T::from_f64(1.0),
             height: round([0.0; TERMS]),
             twist: None,

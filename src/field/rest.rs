@@ -180,7 +180,7 @@ impl Cylinders {
             let lost = if share > 0.0 { mass * (0.5 - focal / share).clamp(0.0, 1.0) } else { 0.0 };
             masses.lost += lost;
             if focal > 0.0 {
-                masses.faded += mass * (1.0 - slice.kept(focal)) - lost;
+                masses.faded += (mass * (1.0 - slice.kept(focal)) - lost).max(0.0);
                 masses.image += mass * slice.image(focal);
             } else {
                 masses.faded += mass - lost;

@@ -265,11 +265,11 @@ impl Axis {
             (round && !self.closed, self.stretches.first(), self.stretches.last())
         {
             let arm = p - first.piece.point(1.0 - first.piece.exit());
-            if arm.dot(&first.entry.tangent) < 0.0 {
+            if arm.dot(&first.entry.tangent) < rounding(p, &arm) {
                 places.push(first.end(false, 0.0, arm, true));
             }
             let arm = p - last.piece.point(last.piece.exit());
-            if arm.dot(&last.exit.tangent) > 0.0 {
+            if arm.dot(&last.exit.tangent) > -rounding(p, &arm) {
                 places.push(last.end(true, self.length, arm, true));
             }
         }
@@ -281,7 +281,8 @@ impl Axis {
     fn join(&self, before: &Stretch, after: &Stretch, p: &Vector3<f64>, places: &mut Vec<Place>) {
         let arm = p - before.piece.point(before.piece.exit());
         let (t1, t2) = (before.exit.tangent, after.entry.tangent);
-        if arm.dot(&t1) < 0.0 || arm.dot(&t2) > 0.0 {
+        let rounding = rounding(p, &arm);
+        if arm.dot(&t1) < -rounding || arm.dot(&t2) > rounding {
             return;
         }
         if t1.cross(&t2).norm() <= SMOOTH && t1.dot(&t2) > 0.0 {
@@ -315,6 +316,12 @@ impl Stretch {
         let (x, frame) = if leaves { (piece.exit(), self.exit) } else { (1.0 - piece.exit(), self.entry) };
         Place { segment: piece.segment, t: piece.t(x), arc, frame, arm, focal: 1.0, beyond }
     }
+}
+
+/// What rounding may make of a point's distance from a plane. Planes of ends and joints count to both sides by this much: a
+/// point on one must not fall between.
+fn rounding(p: &Vector3<f64>, arm: &Vector3<f64>) -> f64 {
+    1e-14 * (p.norm() + arm.norm())
 }
 
 /// Sets arc length and normal at the start of every panel, from the normal where the curve enters the piece.

@@ -310,3 +310,46 @@ fn points_between_voxels_agree_with_the_reference() {
         assert_eq!(found[20_000..], [0.0; 3]);
     }
 }
+
+/// Points on the planes that end a curve, and on those of its corners: a rounding must not put them on neither side.
+#[test]
+fn nothing_is_lost_on_planes_of_ends_and_corners() {
+    let mut random = Random(71);
+    let mut unit = || (random.next() >> 40) as f64 / f64::from(1 << 24);
+    for (curve, radius) in [
+        // A root's slope at its start is infinite.
+        (
+            "kind = \"cubic\", points = [[0, 0, 0.3], [1, 1, 0.3], [0, 1, 0.3], [1, 0, 0]]",
+            "{ kind = \"growing\", to = 0.25, from = 0.2, power = 0.5 }",
+        ),
+        ("points = [[0, 0.5, 0.5], [-0.5, 0.75, 1.5], [-0.08, 1, 1.4]]", "[[0, 0.2], [0.3, 0.3], [1, 0.2]]"),
+        ("points = [[0, 0, 0], [0.5, 0.25, 0.5], [1, 0.5, 1], [1.5, 0, 1], [2, -0.5, 1.5]]", "0.2"),
+    ] {
+        let scene = scene(&format!(
+            "[[tube]]\ncurve = {{ {curve} }}\nradius = {radius}\ncaps = \"round\"\nenvelope = {{ radial = \"linear\" }}\n"
+        ));
+        let mut field = Field::compile(&scene);
+        let lattice = Lattice { voxel_size: 0.05 };
+        field.widen(lattice);
+        let axis = &scene.tubes()[0].curve;
+        let last = axis.segments().len() - 1;
+        let mut points = Vec::new();
+        for (segment, t) in (0..=last).flat_map(|segment| [(segment, 0.0), (segment, 1.0)]) {
+            let (at, tangent) = (axis.segments()[segment].at(t), axis.segments()[segment].tangent(t));
+            for _ in 0..200 {
+                let arm = 0.2 * DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5);
+                // To the last bits on the plane, and a little to each side.
+                let aside = [0.0, 1e-9, -1e-9, 1e-7, -1e-7][points.len() % 5];
+                points.push(at + arm - tangent * (arm.dot(tangent) - aside));
+            }
+        }
+        let found = density_at(&field, lattice, &points, Level::best(), 1 << 30).expect("a small plan");
+        let reference = Reference::new(&scene, Some(lattice.voxel_size));
+        for (point, found) in points.iter().zip(found) {
+            let expected = reference.density(point.to_array());
+            assert!(expected > 0.1, "{point}: {expected} in the reference");
+            // The radius, where it is a root's, changes by 1e-4 over what an end takes from before its plane.
+            assert!((f64::from(found) - expected).abs() < 3e-4, "{point}: {found}, not {expected}");
+        }
+    }
+}

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::Arguments;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source};
+use crate::cli::memory::enough;
 use crate::cli::{Failure, text};
 use crate::field::Field;
 use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
@@ -225,7 +226,8 @@ impl AxisName {
 
 /// In words, for messages.
 pub(super) fn too_much(bytes: u64) -> Failure {
-    Failure::failed(format!("{} of pixels do not fit the memory", text::bytes(bytes))).hint(
-        "write one file for each slice, -o NAME.####.exr, fewer with --planes, or allow more with --memory",
-    )
+    Failure::failed(format!("the slices take {} of memory, and less may be used", text::bytes(bytes))).hint(format!(
+        "write one file for each slice, -o NAME.####.exr, fewer with --planes, or allow more with --memory {}",
+        enough(bytes)
+    ))
 }
