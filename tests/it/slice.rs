@@ -222,16 +222,27 @@ fn pictures_are_brightest_where_the_density_is_largest() {
 #[test]
 fn files_of_other_programs_are_sliced() {
     let folder = tempdir().expect("a folder");
-    for file in openvdb_make(folder.path()) {
-        let name = file.file_stem().expect("a name").to_string_lossy().into_owned();
-        let image = folder.path().join(format!("{name}.exr"));
-        match slice(&[text(&file), "-o", text(&image), "--planes", "0", "--memory", "1GiB"]) {
-            Ok(_) => assert_eq!(exr_dump(&image).1.len(), 1, "{name}"),
-            // Several grids, boxes too large for an image, no image of nothing: each in words.
-            Err(error) => {
-                assert!(error.contains("error: ") && !error.contains("panicked"), "{name}: {error}");
-            }
-        }
+    let files = openvdb_make(folder.path());
+    let file = |name: &str| files.iter().find(|file| file.ends_with(name)).expect("a file that is made");
+    let image = folder.path().join("slice.exr");
+    let run = |name: &str, grid: &str| {
+        slice(&[text(file(name)), "-o", text(&image), "--planes", "0", "--memory", "1GiB", "--grid", grid])
+    };
+    for (name, grid, channels) in [
+        ("several.vdb", "sphere", 1),
+        ("several.vdb", "wave[1]", 1),
+        ("several.vdb", "velocity", 3),
+        ("several.vdb", "empty", 1),
+        ("maps.vdb", "affine", 1),
+    ] {
+        run(name, grid).unwrap_or_else(|error| panic!("{name} {grid}: {error}"));
+        let (dump, _) = exr_dump(&image);
+        assert_eq!(dump["parts"][0]["channels"].as_array().map(Vec::len), Some(channels), "{name} {grid}");
+    }
+    // Voxels at both ends of the range of indices: far more pixels than there is memory.
+    for kind in ["float", "bool", "int64", "vec3d"] {
+        let error = run(&format!("varied_{kind}.vdb"), "other").expect_err("too large");
+        assert!(error.starts_with('1') && error.contains("and less may be used"), "{kind}: {error}");
     }
 }
 

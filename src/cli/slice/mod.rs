@@ -21,6 +21,9 @@ use target::Target;
 /// Bytes that the program takes without pixels: 12 MB were measured.
 const PROCESS: u64 = 16 << 20;
 
+/// Nobody means to write more slices than this.
+const MOST: usize = 1 << 20;
+
 fn metres(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|at: &f64| at.is_finite()).ok_or_else(|| "expected metres".to_owned())
 }
@@ -126,8 +129,9 @@ fn slice(
     let slicing = sliced.slicing;
     let wanted = wanted(arguments, &slicing, sliced)?;
     let held = target.holds(&slicing, wanted.len(), sliced);
-    if held + PROCESS > arguments.scene.budget().bytes() {
-        return Err(too_much(held + PROCESS));
+    let need = held.saturating_add(PROCESS);
+    if need > arguments.scene.budget().bytes() {
+        return Err(too_much(need));
     }
     let mut progress = Progress::new(1, quiet);
     progress.begin(wanted.len());
@@ -174,7 +178,13 @@ fn wanted(arguments: &Arguments, slicing: &Slicing, sliced: &Sliced) -> Result<V
     if let Some(at) = arguments.at {
         return Ok(vec![plane_at(at, arguments, slicing, sliced)?]);
     }
-    let Frames::These(planes) = &arguments.planes else { return Ok((0..slicing.count()).collect()) };
+    let Frames::These(planes) = &arguments.planes else {
+        if slicing.count() > MOST {
+            return Err(Failure::failed(format!("there are {} slices", text::count(slicing.count() as u64)))
+                .hint("choose some of them with --planes or --at"));
+        }
+        return Ok((0..slicing.count()).collect());
+    };
     let beyond =
         |plane: &i64| usize::try_from(*plane).ok().filter(|plane| *plane < slicing.count()).is_none();
     if let Some(plane) = planes.iter().find(|plane| beyond(plane)) {

@@ -110,10 +110,11 @@ impl Target {
 
     /// Bytes that are held at once at the end.
     pub(super) fn holds(&self, slicing: &Slicing, count: usize, sliced: &Sliced) -> u64 {
-        let pixels = slicing.pixels().iter().map(|edge| *edge as u64).product::<u64>();
-        let slices = if self.streams() { 8 } else { count as u64 };
+        let slices = if self.streams() { 8 } else { count };
+        let [width, height] = slicing.pixels();
         // The values, and once more in the order or the form that they are written in.
-        pixels * slices * 8 * if sliced.is_vector { 3 } else { 1 }
+        let factors = [width, height, slices, 8, if sliced.is_vector { 3 } else { 1 }];
+        factors.iter().fold(1, |bytes: u64, factor| bytes.saturating_mul(*factor as u64))
     }
 
     /// Whether slices are written as they come: only a picture must know the largest value first.
