@@ -11,6 +11,7 @@
 //! | [`field`] | a scene compiled to spans of polynomials; narrowed to a block; the density kernel |
 //! | [`mod@reference`] | a second, slow evaluator that shares no formula code with `field` |
 //! | [`volume`] | the plan of candidate bricks, their evaluation, the sinks they go to; sparse trees and their sampling |
+//! | [`march`] | cameras, lights, and how light goes through a medium: pictures |
 //! | [`formats`] | file formats, over `Write` and `Read`, never a path |
 //! | [`cli`] | arguments, files, progress and exit codes; no numerics |
 //!
@@ -20,6 +21,7 @@ pub mod cli;
 pub mod curve;
 pub mod field;
 pub mod formats;
+pub mod march;
 pub mod noise;
 pub mod num;
 pub mod reference;

@@ -104,14 +104,23 @@ pub(super) static WARP: Section = Section {
     later: &[],
 };
 
-pub(super) static MEDIUM: Section =
-    Section { name: "[medium]", keys: &["extinction", "albedo", "anisotropy"], later: &[] };
+pub(super) static MEDIUM: Section = Section {
+    name: "[medium]",
+    keys: &["extinction", "albedo", "anisotropy", "emission", "temperature"],
+    later: &[],
+};
 
-pub(super) static CAMERA: Section =
-    Section { name: "[camera]", keys: &["position", "look_at", "fov"], later: &[] };
+pub(super) static CAMERA: Section = Section {
+    name: "[camera]",
+    keys: &["kind", "position", "look_at", "up", "fov", "width", "background", "exposure"],
+    later: &[],
+};
 
-pub(super) static LIGHT: Section =
-    Section { name: "[[light]]", keys: &["kind", "direction", "irradiance"], later: &[] };
+pub(super) static LIGHT: Section = Section {
+    name: "[[light]]",
+    keys: &["kind", "direction", "irradiance", "position", "intensity", "radiance"],
+    later: &[],
+};
 
 /// All of them, in the order of a scene.
 pub(super) static SECTIONS: [&Section; 15] = [

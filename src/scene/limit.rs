@@ -97,3 +97,19 @@ pub(crate) static KELVIN: Limit = Limit {
     noun: "a temperature in kelvin, at least 0",
     range: "kelvin, at least 0 (and at most 1e9)",
 };
+
+/// Kelvin of a black body that glows in a colour: below this nothing is seen, above this the colour changes no more.
+pub(crate) static FLAME: Limit = Limit {
+    low: 500.0,
+    high: 1e5,
+    noun: "a temperature in kelvin, 500 to 1e5",
+    range: "a temperature in kelvin, 500 to 1e5",
+};
+
+/// Factors of 2 of brightness.
+pub(crate) static STOPS: Limit = Limit {
+    low: -100.0,
+    high: 100.0,
+    noun: "a number of stops, -100 to 100",
+    range: "a number of stops, -100 to 100",
+};

@@ -306,21 +306,53 @@ pub struct Warp {
 pub struct Medium {
     /// Extinction per metre at density 1, at least 0.
     pub extinction: f64,
-    /// Scattered fraction of the extinction, 0 to 1.
-    pub albedo: f64,
+    /// Scattered fraction of the extinction, 0 to 1: linear red, green and blue.
+    pub albedo: [f64; 3],
     /// Henyey-Greenstein mean cosine, within -0.999 to 0.999.
     pub anisotropy: f64,
+    /// Radiance emitted per metre at density 1, at least 0: linear red, green and blue; times the colour of `temperature`
+    /// where that is given.
+    pub emission: [f64; 3],
+    /// Kelvin of the black body whose colour, scaled to luminance 1, the emission has.
+    pub temperature: Option<f64>,
 }
 
 /// A view of the scene; absent parts are framed to the bounds. Baking does not read it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Camera {
+    /// How space becomes a picture.
+    pub projection: Projection,
     /// Where the eye is, in metres.
     pub position: Option<[f64; 3]>,
     /// The point it looks at, in metres.
     pub look_at: Option<[f64; 3]>,
-    /// Full horizontal angle of view in degrees, above 0 and below 180.
-    pub fov: Option<f64>,
+    /// What is up in the picture; z where absent.
+    pub up: Option<[f64; 3]>,
+    /// What is seen where there is nothing: linear red, green and blue; `None` where it is transparent.
+    pub background: Option<[f64; 3]>,
+    /// By how many stops (factors of 2) tone-mapped pictures are brightened; chosen by the picture where absent.
+    pub exposure: Option<f64>,
+}
+
+/// How space becomes a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Projection {
+    /// From one point.
+    Perspective {
+        /// Full horizontal angle of view in degrees, above 0 and below 180.
+        fov: Option<f64>,
+    },
+    /// Along parallel rays.
+    Orthographic {
+        /// Width of the picture in metres, above 0; framed to the bounds where absent.
+        width: Option<f64>,
+    },
+}
+
+impl Default for Projection {
+    fn default() -> Projection {
+        Projection::Perspective { fov: None }
+    }
 }
 
 /// A light. Baking does not read it.
@@ -332,6 +364,18 @@ pub enum Light {
         direction: [f64; 3],
         /// Irradiance on a plane across the beam, linear red, green and blue, each at least 0.
         irradiance: [f64; 3],
+    },
+    /// Light from a point, alike to all sides.
+    Point {
+        /// Where it is, in metres.
+        position: [f64; 3],
+        /// Radiant intensity (irradiance at one metre), linear red, green and blue, each at least 0.
+        intensity: [f64; 3],
+    },
+    /// Light from everywhere, that nothing shadows.
+    Ambient {
+        /// Radiance, linear red, green and blue, each at least 0.
+        radiance: [f64; 3],
     },
 }
 

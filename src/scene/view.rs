@@ -5,28 +5,73 @@ use glam::DVec3;
 use super::error::Fault;
 use super::keys::CAMERA;
 use super::reader::{Reader, Words};
-use super::{Camera, Light, Medium, limit};
+use super::{Camera, Light, Medium, Projection, limit};
 
 /// From the upper right, before the scene.
 const DIRECTION: [f64; 3] = [-1.0, 0.6, -0.8];
 
-static KINDS: Words<()> = Words { known: &[("sun", ())], later: &[], instead: "" };
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    Sun,
+    Point,
+    Ambient,
+}
+
+static KINDS: Words<Kind> = Words {
+    known: &[("sun", Kind::Sun), ("point", Kind::Point), ("ambient", Kind::Ambient)],
+    later: &[],
+    instead: "",
+};
+
+static PROJECTIONS: Words<bool> =
+    Words { known: &[("perspective", false), ("orthographic", true)], later: &[], instead: "" };
+
+/// The keys of lights that mean something to one kind only.
+const OWN: [(&str, Kind, &str); 5] = [
+    ("direction", Kind::Sun, "sun"),
+    ("irradiance", Kind::Sun, "sun"),
+    ("position", Kind::Point, "point"),
+    ("intensity", Kind::Point, "point"),
+    ("radiance", Kind::Ambient, "ambient"),
+];
 
 pub(super) fn medium(table: Option<Reader<'_>>) -> Medium {
     let number = |key, limit| table.and_then(|table| table.number(key, limit));
+    let colour = |key, limit| table.and_then(|table| table.get(key)?.vector_or_number(limit));
+    let temperature = number("temperature", &limit::FLAME);
     Medium {
         extinction: number("extinction", &limit::NOT_NEGATIVE).unwrap_or(10.0),
-        albedo: number("albedo", &limit::FRACTION).unwrap_or(0.9),
+        albedo: colour("albedo", &limit::FRACTION).unwrap_or([0.9; 3]),
         anisotropy: number("anisotropy", &limit::MEAN_COSINE).unwrap_or(0.0),
+        emission: colour("emission", &limit::NOT_NEGATIVE)
+            .unwrap_or([if temperature.is_some() { 1.0 } else { 0.0 }; 3]),
+        temperature,
     }
 }
 
 pub(super) fn camera(root: &Reader<'_>) -> Camera {
     let Some(table) = root.table("camera", &CAMERA) else { return Camera::default() };
+    let orthographic = table.word("kind", &PROJECTIONS).unwrap_or(false);
+    let [fov, width] =
+        [("fov", &limit::DEGREES), ("width", &limit::POSITIVE)].map(|(key, limit)| table.number(key, limit));
+    let (other, kind) = if orthographic { ("fov", "a perspective") } else { ("width", "an orthographic") };
+    if let Some(item) = table.get(other) {
+        table.report(
+            Fault::at(item.span(), format!("`{other}` means nothing to this camera"))
+                .label(format!("only {kind} one has it")),
+        );
+    }
     let camera = Camera {
+        projection: if orthographic {
+            Projection::Orthographic { width }
+        } else {
+            Projection::Perspective { fov }
+        },
         position: table.vector("position", &limit::ANY),
         look_at: table.vector("look_at", &limit::ANY),
-        fov: table.number("fov", &limit::DEGREES),
+        up: table.vector("up", &limit::ANY),
+        background: table.get("background").and_then(|item| item.vector_or_number(&limit::NOT_NEGATIVE)),
+        exposure: table.number("exposure", &limit::STOPS),
     };
     if let (Some(position), Some(look_at)) = (table.get("position"), table.get("look_at"))
         && camera.position.is_some()
@@ -38,21 +83,51 @@ pub(super) fn camera(root: &Reader<'_>) -> Camera {
                 .related(position.span(), "it is here"),
         );
     }
+    if let (Some(item), Some([0.0, 0.0, 0.0])) = (table.get("up"), camera.up) {
+        table.report(Fault::at(item.span(), "`up` has no length").label("expected a vector other than 0"));
+    }
     camera
 }
 
 pub(super) fn light(table: &Reader<'_>) -> Light {
-    table.word("kind", &KINDS);
-    let direction = table.vector("direction", &limit::ANY).unwrap_or(DIRECTION);
-    let irradiance = table.get("irradiance").and_then(|item| item.vector_or_number(&limit::NOT_NEGATIVE));
-    let unit = DVec3::from_array(direction).try_normalize();
-    if let (None, Some(item)) = (unit, table.get("direction")) {
-        table.report(
-            Fault::at(item.span(), "`direction` has no length").label("expected a vector other than 0"),
-        );
+    let kind = table.word("kind", &KINDS).unwrap_or(Kind::Sun);
+    for (key, of, name) in OWN {
+        if let (true, Some(item)) = (of != kind, table.get(key)) {
+            table.report(
+                Fault::at(item.span(), format!("`{key}` means nothing to this light"))
+                    .label(format!("only `kind = \"{name}\"` has it")),
+            );
+        }
     }
-    Light::Sun {
-        direction: unit.unwrap_or(DVec3::NEG_Z).to_array(),
-        irradiance: irradiance.unwrap_or([1.0; 3]),
+    let colour = |key| {
+        let item = table.get(key);
+        item.and_then(|item| item.vector_or_number(&limit::NOT_NEGATIVE)).unwrap_or([1.0; 3])
+    };
+    match kind {
+        Kind::Ambient => Light::Ambient { radiance: colour("radiance") },
+        Kind::Point => {
+            if table.get("position").is_none() {
+                table.report(
+                    Fault::at(table.span(), "a point light needs a `position`")
+                        .label("expected `position = [x, y, z]`"),
+                );
+            }
+            let position = table.vector("position", &limit::ANY).unwrap_or([0.0; 3]);
+            Light::Point { position, intensity: colour("intensity") }
+        }
+        Kind::Sun => {
+            let direction = table.vector("direction", &limit::ANY).unwrap_or(DIRECTION);
+            let unit = DVec3::from_array(direction).try_normalize();
+            if let (None, Some(item)) = (unit, table.get("direction")) {
+                table.report(
+                    Fault::at(item.span(), "`direction` has no length")
+                        .label("expected a vector other than 0"),
+                );
+            }
+            Light::Sun {
+                direction: unit.unwrap_or(DVec3::NEG_Z).to_array(),
+                irradiance: colour("irradiance"),
+            }
+        }
     }
 }

@@ -115,7 +115,7 @@ fn sketch_of_every_key() {
     assert_eq!(layer.pattern, Pattern::Perlin(fbm));
     assert_eq!(
         (scene.medium().extinction, scene.medium().albedo, scene.medium().anisotropy),
-        (12.0, 0.9, 0.2)
+        (12.0, [0.9; 3], 0.2)
     );
     assert_eq!(scene.camera(), Camera::default());
     let [Light::Sun { direction, irradiance }] = scene.lights() else { panic!("one light") };

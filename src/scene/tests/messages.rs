@@ -425,7 +425,7 @@ error: unknown `kind` "moon"
  --> scene.toml:5:8
   |
 5 | kind = "moon"
-  |        ^^^^^^ expected "sun"
+  |        ^^^^^^ expected one of "sun", "point", "ambient"
 
 error: `direction` has no length
  --> scene.toml:6:13
@@ -593,5 +593,44 @@ error: unknown `antialias` "always"
   |
 3 | antialias = "always"
   |             ^^^^^^^^ expected one of "off", "adaptive""#;
+    assert_eq!(messages(text), expected.trim_start());
+}
+
+#[test]
+fn keys_of_other_cameras_and_lights() {
+    let text = r#"[camera]
+kind = "orthographic"
+fov = 40
+up = [0, 0, 0]
+[[light]]
+kind = "ambient"
+irradiance = 2
+[[light]]
+kind = "point"
+"#;
+    let expected = r#"
+error: `fov` means nothing to this camera
+ --> scene.toml:3:7
+  |
+3 | fov = 40
+  |       ^^ only a perspective one has it
+
+error: `up` has no length
+ --> scene.toml:4:6
+  |
+4 | up = [0, 0, 0]
+  |      ^^^^^^^^^ expected a vector other than 0
+
+error: `irradiance` means nothing to this light
+ --> scene.toml:7:14
+  |
+7 | irradiance = 2
+  |              ^ only `kind = "sun"` has it
+
+error: a point light needs a `position`
+ --> scene.toml:8:1
+  |
+8 | [[light]]
+  | ^^^^^^^^^ expected `position = [x, y, z]`"#;
     assert_eq!(messages(text), expected.trim_start());
 }

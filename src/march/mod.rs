@@ -1,0 +1,5 @@
+//! Pictures of a medium.
+
+mod camera;
+
+pub use camera::{Camera, Ray};
