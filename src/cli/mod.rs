@@ -19,6 +19,7 @@ mod output;
 mod plan;
 mod progress;
 mod recipe;
+mod render;
 mod sample;
 mod slice;
 mod text;
@@ -62,6 +63,8 @@ enum Command {
     Bake(bake::Arguments),
     /// Tell what a bake would take, without baking
     Plan(plan::Arguments),
+    /// Draw a scene or an OpenVDB file
+    Render(render::Arguments),
     /// Tell the values of a scene or an OpenVDB file at given points
     Sample(sample::Arguments),
     /// Write slices of a scene or an OpenVDB file as EXR or PNG images
@@ -81,6 +84,7 @@ impl Cli {
         match &self.command {
             Command::Bake(arguments) => bake::run(arguments, &self.global),
             Command::Plan(arguments) => plan::run(arguments, &self.global),
+            Command::Render(arguments) => render::run(arguments, &self.global),
             Command::Sample(arguments) => sample::run(arguments, &self.global),
             Command::Slice(arguments) => slice::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),

@@ -8,13 +8,35 @@ use std::io::Write;
 ///
 /// The output's; a size that is not that of the pixels, or that the format cannot hold.
 pub fn write(size: [usize; 2], pixels: &[[u8; 3]], out: impl Write) -> Result<(), png::EncodingError> {
+    encode(size, png::ColorType::Rgb, pixels.as_flattened(), out)
+}
+
+/// Writes a picture whose pixels have an alpha, that the colours are not multiplied with.
+///
+/// # Errors
+///
+/// As [`write`].
+pub fn write_with_alpha(
+    size: [usize; 2],
+    pixels: &[[u8; 4]],
+    out: impl Write,
+) -> Result<(), png::EncodingError> {
+    encode(size, png::ColorType::Rgba, pixels.as_flattened(), out)
+}
+
+fn encode(
+    size: [usize; 2],
+    colour: png::ColorType,
+    bytes: &[u8],
+    out: impl Write,
+) -> Result<(), png::EncodingError> {
     let [width, height] = size.map(|edge| u32::try_from(edge).unwrap_or(0));
     let mut encoder = png::Encoder::new(out, width, height);
-    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_color(colour);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(pixels.as_flattened())?;
+    writer.write_image_data(bytes)?;
     writer.finish()
 }
 

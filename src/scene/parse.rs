@@ -8,7 +8,7 @@ use toml::de::DeTable;
 
 use super::error::{Fault, Faults, SceneErrors, Warnings};
 use super::input::{Inputs, Load};
-use super::keys::{BAKE, LIGHT, MEDIUM, ROOT, TIME, TUBE};
+use super::keys::{BAKE, MEDIUM, ROOT, TIME, TUBE};
 use super::limit::LARGEST_FRAME;
 use super::motion::Clock;
 use super::reader::{Item, Reader, Words};
@@ -104,7 +104,7 @@ fn read(
         tubes: tube::tubes(&root.timed(&clock).tables("tube", &TUBE), &inputs, known.map(Scene::tubes)),
         medium: view::medium(root.table("medium", &MEDIUM)),
         camera: view::camera(&root),
-        lights: root.tables("light", &LIGHT).iter().map(view::light).collect(),
+        lights: view::lights(&root),
         text: text.to_owned(),
         origin: origin.to_owned(),
         seconds,

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::error::Fault;
-use super::keys::CAMERA;
+use super::keys::{CAMERA, LIGHT};
 use super::reader::{Reader, Words};
 use super::{Camera, Light, Medium, Projection, limit};
 
@@ -89,7 +89,17 @@ pub(super) fn camera(root: &Reader<'_>) -> Camera {
     camera
 }
 
-pub(super) fn light(table: &Reader<'_>) -> Light {
+/// The scene's lights; a sun and a little light from everywhere where it has none.
+pub(super) fn lights(root: &Reader<'_>) -> Vec<Light> {
+    let lights: Vec<Light> = root.tables("light", &LIGHT).iter().map(light).collect();
+    if !lights.is_empty() {
+        return lights;
+    }
+    let direction = DVec3::from_array(DIRECTION).normalize().to_array();
+    vec![Light::Sun { direction, irradiance: [1.0; 3] }, Light::Ambient { radiance: [0.01; 3] }]
+}
+
+fn light(table: &Reader<'_>) -> Light {
     let kind = table.word("kind", &KINDS).unwrap_or(Kind::Sun);
     for (key, of, name) in OWN {
         if let (true, Some(item)) = (of != kind, table.get(key)) {

@@ -9,7 +9,7 @@ use crate::num::{Level, Real, WithLevel, with_level};
 
 /// The density at 512 places of a block.
 #[inline(never)]
-pub(super) fn evaluate_block(
+pub(crate) fn evaluate_block(
     level: Level,
     region: &Region<f32>,
     places: Places<f32>,

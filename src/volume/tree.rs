@@ -164,6 +164,19 @@ impl<T: Value> Tree<T> {
         root.chain(inner(&self.uppers, 2)).chain(inner(&self.lowers, 1))
     }
 
+    /// All tiles, active or not, whose value is not the background's: those of the root, those of each upper node, those of
+    /// each lower node.
+    pub fn tiles(&self) -> impl Iterator<Item = Tile<T>> {
+        let root = self.root_tiles.iter().map(|tile| Tile {
+            origin: tile.origin,
+            log2_edge: LOG2_EDGE[2],
+            value: tile.value,
+        });
+        let inner = |nodes, level| entries_of(nodes, level);
+        let all = root.chain(inner(&self.uppers, 2)).chain(inner(&self.lowers, 1));
+        all.filter(|tile| !tile.value.same(self.background))
+    }
+
     /// Bytes that the tree takes, those of its leaves' values included.
     pub fn memory_bytes(&self) -> u64 {
         self.memory_bytes_with(self.leaves.len())
@@ -210,6 +223,20 @@ impl<T: Value> Tree<T> {
         stats.bounds = (bounds[0][0] <= bounds[1][0]).then_some(bounds);
         stats
     }
+}
+
+/// All tiles of nodes.
+fn entries_of<T: Value>(nodes: &[Node<T>], level: usize) -> impl Iterator<Item = Tile<T>> {
+    let log2_edge = LOG2_EDGE.get(level - 1).copied().unwrap_or_default();
+    let entries = if level == 1 { 16 * 16 * 16 } else { 32 * 32 * 32 };
+    nodes.iter().flat_map(move |node| {
+        (0..entries).filter_map(move |at| match node.entry(at) {
+            Entry::Tile(value, _) => {
+                Some(Tile { origin: child_origin(node.origin, at, level), log2_edge, value })
+            }
+            Entry::Child(_) => None,
+        })
+    })
 }
 
 /// The tiles of nodes that are active or differ from the commonest, with their state.

@@ -1,0 +1,104 @@
+//! Pictures as files.
+
+use std::io::{self, BufWriter, Cursor, Write};
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use crate::cli::Failure;
+use crate::cli::interrupt::{Interrupt, Watched};
+use crate::cli::output::Output;
+use crate::formats::exr::{self, Part, Samples};
+use crate::formats::png;
+use crate::march::Film;
+
+/// Where a picture goes.
+pub(super) struct Target {
+    path: PathBuf,
+    form: Form,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Exr,
+    Png,
+}
+
+impl Target {
+    pub(super) fn new(path: &Path) -> Result<Target, Failure> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+        let form = match extension.as_deref() {
+            Some("exr") => Form::Exr,
+            Some("png") => Form::Png,
+            _ => {
+                let message = format!("the output {} ends in neither .exr nor .png", path.display());
+                return Err(Failure::usage(message));
+            }
+        };
+        Ok(Target { path: path.to_owned(), form })
+    }
+
+    /// Writes what there is of a picture, and tells the exposure of a picture to look at.
+    pub(super) fn write(
+        &self,
+        film: &Film,
+        background: Option<DVec3>,
+        exposure: Option<f64>,
+        interrupt: &Interrupt,
+    ) -> Result<Option<f64>, Failure> {
+        let failed = |error: io::Error| {
+            Failure::failed(format!("cannot write {}", self.path.display())).because(error)
+        };
+        let developed = film.develop(background);
+        let mut bytes = Cursor::new(Vec::new());
+        let mut exposed = None;
+        match self.form {
+            Form::Exr => exr::write(vec![layers(film, background)], &mut bytes).map_err(|error| {
+                Failure::failed(format!("cannot write {}", self.path.display())).because(error)
+            })?,
+            Form::Png => {
+                let exposure = exposure.unwrap_or_else(|| film.exposure());
+                exposed = Some(exposure);
+                let pixels = developed.show(exposure);
+                png::write_with_alpha(developed.size, &pixels, &mut bytes).map_err(|error| {
+                    Failure::failed(format!("cannot write {}", self.path.display())).because(error)
+                })?;
+            }
+        }
+        let output = Output::create(&self.path)?;
+        let write = || {
+            let mut out = BufWriter::new(Watched { inner: output.file(), interrupt });
+            out.write_all(bytes.get_ref())?;
+            out.flush()?;
+            output.sync()
+        };
+        write().map_err(failed).or_else(|failure| interrupt.check().and(Err(failure)))?;
+        interrupt.check()?;
+        output.publish().map_err(failed)?;
+        Ok(exposed)
+    }
+}
+
+/// All that is known of every pixel.
+fn layers(film: &Film, background: Option<DVec3>) -> Part {
+    #[allow(clippy::cast_possible_truncation, reason = "to the nearest that the image can hold")]
+    let samples = |values: Vec<f64>| Samples::F32(values.into_iter().map(|value| value as f32).collect());
+    let developed = film.develop(background);
+    let colour = |axis: usize| samples(developed.colour.iter().map(|colour| colour[axis]).collect());
+    let count = f64::from(film.samples.max(1));
+    let mean = |sums: &[f64]| samples(sums.iter().map(|sum| sum / count).collect());
+    Part {
+        name: "picture".to_owned(),
+        pixels: film.size,
+        channels: vec![
+            ("R", colour(0)),
+            ("G", colour(1)),
+            ("B", colour(2)),
+            ("A", samples(developed.alpha.clone())),
+            ("transmittance.Y", mean(&film.transmittance)),
+            ("opticalDepth.Y", mean(&film.depth)),
+            ("depth.Z", samples(film.half.clone())),
+        ],
+        attribute: "{}".to_owned(),
+    }
+}

@@ -1,0 +1,252 @@
+//! `vdbake render`: a picture of a scene, or of what is in a file.
+
+mod image;
+mod source;
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::time::Instant;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::interrupt::Interrupt;
+use super::job::SceneOptions;
+use super::progress::Progress;
+use super::{Failure, Global, info, machine, text};
+use crate::march::{Camera, MOST_LAMPS, Picture, Quality};
+use crate::num::Level;
+use image::Target;
+use source::Drawn;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// A scene, drawn without voxels, or a VDB file
+    file: PathBuf,
+    /// Where to write: .exr holds linear radiance and what else is known of every pixel, .png a picture to look at
+    #[arg(short, long, value_name = "IMG")]
+    output: PathBuf,
+    /// Pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "960x540")]
+    size: [usize; 2],
+    /// Rays through every pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), default_value_t = 1)]
+    samples: u32,
+    /// Of a file: the scene that camera, lights and medium are taken from [default: that which the file was baked from]
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Of a file: the grid [default: its only one, or that named density]
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// What is behind: `transparent`, a number or three with commas between them, linear [default: what the scene says, else
+    /// transparent]
+    #[arg(long, value_name = "COLOUR", value_parser = background, allow_hyphen_values = true)]
+    background: Option<Background>,
+    /// Stops (factors of 2) by which a .png is brightened [default: what the scene says, else chosen by the picture]
+    #[arg(long, value_name = "STOPS", value_parser = stops, allow_hyphen_values = true)]
+    exposure: Option<f64>,
+    /// Extinguish light only: no light is scattered or emitted
+    #[arg(long)]
+    absorption_only: bool,
+    /// Of a scene: voxels between two steps along a ray, at most
+    #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 1.0, allow_hyphen_values = true)]
+    step: f64,
+    /// Voxels between the rays that shadows are found by
+    #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 2.0, allow_hyphen_values = true)]
+    shadow_step: f64,
+    /// Part of the light that may be left where a ray ends
+    #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
+    cutoff: f64,
+    #[command(flatten)]
+    options: SceneOptions,
+}
+
+/// What is behind.
+#[derive(Debug, Clone, Copy)]
+struct Background(Option<[f64; 3]>);
+
+/// What was done, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Report {
+    output: String,
+    /// What was drawn: `scene`, or `file`.
+    kind: &'static str,
+    size: [usize; 2],
+    samples: u32,
+    bricks: usize,
+    /// Mean over all pixels.
+    mean_transmittance: f64,
+    /// Of a .png.
+    exposure: Option<f64>,
+    seconds: Times,
+    peak_rss_bytes: Option<u64>,
+    threads: usize,
+    simd: String,
+}
+
+/// Seconds that each part took by the clock.
+#[derive(Debug, Serialize)]
+struct Times {
+    /// Reading or planning.
+    load: f64,
+    /// What each part of the picture sees, and shadows.
+    prepare: f64,
+    march: f64,
+    write: f64,
+    total: f64,
+}
+
+/// Draws.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let target = Target::new(&arguments.output)?;
+    let is_file = info::is_vdb(&arguments.file)?;
+    let interrupt = Interrupt::listen()?;
+    let pool = global.pool()?;
+    let report = pool.install(|| draw(arguments, target, is_file, &interrupt, global))?;
+    global.show(&report, human)
+}
+
+fn draw(
+    arguments: &Arguments,
+    target: Target,
+    is_file: bool,
+    interrupt: &Interrupt,
+    global: &Global,
+) -> Result<Report, Failure> {
+    let level = Level::best();
+    let mut clock = Clock { last: Instant::now(), first: Instant::now() };
+    let field;
+    let drawn = if is_file {
+        Drawn::of_file(arguments)?
+    } else {
+        let (compiled, view) = source::scene(arguments)?;
+        field = compiled;
+        Drawn::of_scene(arguments, &field, view)?
+    };
+    let load = clock.lap();
+    let view = &drawn.view;
+    if drawn.medium.brick_count() == 0 {
+        global.note(&format!("{} holds no density: the picture is empty", arguments.file.display()));
+    }
+    if view.optics.lamps.len() > MOST_LAMPS {
+        return Err(Failure::usage(format!(
+            "a picture takes no more than {MOST_LAMPS} suns and points, and there are {}",
+            view.optics.lamps.len()
+        )));
+    }
+    let quality = Quality {
+        size: arguments.size,
+        samples: arguments.samples,
+        cutoff: arguments.cutoff,
+        shadow_pitch: arguments.shadow_step,
+    };
+    #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
+    let aspect = arguments.size[0] as f64 / arguments.size[1] as f64;
+    let camera = Camera::new(&view.camera, view.bounds, aspect);
+    let optics =
+        if arguments.absorption_only { view.optics.clone().absorbing() } else { view.optics.clone() };
+    let mut picture = Picture::new(&drawn.medium, camera, &optics, quality, level);
+    let prepare = clock.lap();
+    interrupt.hold();
+    let mut progress = Progress::new(1, global.quiet);
+    progress.begin(picture.tiles() * arguments.samples as usize);
+    let progress = Mutex::new(progress);
+    for _ in 0..arguments.samples {
+        picture.sample(|tiles| {
+            if let Ok(mut progress) = progress.lock() {
+                progress.advance(tiles);
+            }
+        });
+        interrupt.check()?;
+    }
+    drop(progress);
+    let march = clock.lap();
+    let background = match arguments.background {
+        Some(Background(colour)) => colour,
+        None => view.camera.background,
+    };
+    let film = picture.film();
+    let exposure = arguments.exposure.or(view.camera.exposure);
+    let exposure = target.write(film, background.map(Into::into), exposure, interrupt)?;
+    let write = clock.lap();
+    #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
+    let pixels = film.transmittance.len() as f64 * f64::from(film.samples);
+    Ok(Report {
+        output: arguments.output.display().to_string(),
+        kind: if is_file { "file" } else { "scene" },
+        size: arguments.size,
+        samples: arguments.samples,
+        bricks: drawn.medium.brick_count(),
+        mean_transmittance: film.transmittance.iter().sum::<f64>() / pixels,
+        exposure,
+        seconds: Times { load, prepare, march, write, total: clock.first.elapsed().as_secs_f64() },
+        peak_rss_bytes: machine::peak_memory(),
+        threads: rayon::current_num_threads(),
+        simd: level.name(),
+    })
+}
+
+struct Clock {
+    first: Instant,
+    last: Instant,
+}
+
+impl Clock {
+    /// Seconds since the last call.
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        let seconds = (now - self.last).as_secs_f64();
+        self.last = now;
+        seconds
+    }
+}
+
+fn human(report: &Report) -> String {
+    format!(
+        "{}  {} x {} pixels, {} each, in {}",
+        report.output,
+        report.size[0],
+        report.size[1],
+        text::number(report.samples.into(), "sample"),
+        text::seconds(report.seconds.total),
+    )
+}
+
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let edge = |text: &str| text.parse().ok().filter(|edge| (1..=32768).contains(edge));
+    let (width, height) = text.split_once('x').unwrap_or((text, ""));
+    match (edge(width), edge(height)) {
+        (Some(width), Some(height)) => Ok([width, height]),
+        _ => Err("expected a width and a height from 1 to 32768, such as 960x540".to_owned()),
+    }
+}
+
+fn background(text: &str) -> Result<Background, String> {
+    if text == "transparent" {
+        return Ok(Background(None));
+    }
+    let parts: Option<Vec<f64>> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok().filter(|part| (0.0..=1e9).contains(part)))
+        .collect();
+    match parts.as_deref() {
+        Some([grey]) => Ok(Background(Some([*grey; 3]))),
+        Some([red, green, blue]) => Ok(Background(Some([*red, *green, *blue]))),
+        _ => Err("expected `transparent`, a number, or red,green,blue, each at least 0".to_owned()),
+    }
+}
+
+fn stops(text: &str) -> Result<f64, String> {
+    let stops = text.parse().ok().filter(|stops| (-100.0..=100.0).contains(stops));
+    stops.ok_or_else(|| "expected a number of stops from -100 to 100".to_owned())
+}
+
+fn step(text: &str) -> Result<f64, String> {
+    let step = text.parse().ok().filter(|step| (0.01..=8.0).contains(step));
+    step.ok_or_else(|| "expected a number of voxels from 0.01 to 8".to_owned())
+}
+
+fn part(text: &str) -> Result<f64, String> {
+    let part = text.parse().ok().filter(|part| (1e-30..=0.5).contains(part));
+    part.ok_or_else(|| "expected a part from 1e-30 to 0.5".to_owned())
+}

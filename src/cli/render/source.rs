@@ -1,0 +1,188 @@
+//! What is drawn: a scene's density, or a file's grid.
+
+use std::fs::File;
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::Arguments;
+use crate::cli::Failure;
+use crate::cli::grids::{Choice, choose};
+use crate::cli::job::{Compiled, Source, read_scene};
+use crate::field::{Field, Lattice};
+use crate::formats::vdb::{AnyTree, GridInfo, Meta, VdbFile, VdbReadError};
+use crate::march::{Baked, BakedError, Grid, Meaning, Medium, Optics, Procedural};
+use crate::scene::{self, Scene};
+use crate::volume::{Sampled, Tree};
+
+/// A level set's density changes over so many voxels.
+const SURFACE: f64 = 2.0;
+
+/// What is drawn, and how it is looked at.
+pub(super) struct Drawn<'a> {
+    pub(super) medium: Medium<'a>,
+    pub(super) view: View,
+}
+
+/// How something is looked at.
+pub(super) struct View {
+    pub(super) camera: scene::Camera,
+    pub(super) optics: Optics,
+    /// Corners of the box that it is framed by, in metres.
+    pub(super) bounds: Option<[DVec3; 2]>,
+    lattice: Option<Lattice>,
+}
+
+impl View {
+    fn of_scene(scene: &Scene, bounds: Option<[DVec3; 2]>) -> View {
+        View {
+            camera: scene.camera(),
+            optics: Optics::new(&scene.medium(), scene.lights()),
+            bounds,
+            lattice: None,
+        }
+    }
+}
+
+/// The field of a scene, and how it is looked at.
+pub(super) fn scene(arguments: &Arguments) -> Result<(Field, View), Failure> {
+    for (given, option) in [(arguments.scene.is_some(), "--scene"), (arguments.grid.is_some(), "--grid")] {
+        if given {
+            return Err(Failure::usage(format!("{option} has no meaning for a scene, only for a file")));
+        }
+    }
+    let options = &arguments.options;
+    let compiled = Source::read(&arguments.file, options)?.compile(options.time())?;
+    let mut view = view_of(&compiled);
+    view.lattice = Some(compiled.lattice);
+    Ok((compiled.field, view))
+}
+
+fn view_of(compiled: &Compiled) -> View {
+    View::of_scene(&compiled.scene, compiled.bounds.map(|corners| corners.map(DVec3::from)))
+}
+
+impl<'a> Drawn<'a> {
+    /// A scene, evaluated wherever a ray asks.
+    pub(super) fn of_scene(
+        arguments: &Arguments,
+        field: &'a Field,
+        view: View,
+    ) -> Result<Drawn<'a>, Failure> {
+        let lattice = view.lattice.unwrap_or(Lattice { voxel_size: 1.0 });
+        let budget = arguments.options.budget().bytes();
+        let procedural = Procedural::new(field, lattice, arguments.step, budget).map_err(|error| {
+            Failure::failed(error.to_string()).hint("take a larger --voxel-size, or allow more with --memory")
+        })?;
+        Ok(Drawn { medium: Medium::Procedural(procedural), view })
+    }
+
+    /// A file's grid.
+    pub(super) fn of_file(arguments: &Arguments) -> Result<Drawn<'a>, Failure> {
+        let options = &arguments.options;
+        if let Some(option) = options.for_scenes_only() {
+            return Err(Failure::usage(format!("{option} has no meaning for a file, only for a scene")));
+        }
+        let (path, budget) = (&arguments.file, options.budget().bytes());
+        let failed = |error: VdbReadError| unread(path, error);
+        let file = File::open(path)
+            .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;
+        let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
+        let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
+        let grid = file.grid_at(number).map_err(failed)?;
+        let place = grid.info.map.matrix.and_then(|rows| Grid::from_rows(&rows)).ok_or_else(|| {
+            Failure::input(format!("{label} is placed by a map that is not affine, or has no inverse"))
+        })?;
+        let meaning = meaning(&grid.info, &place);
+        let bounds = bounds(&grid.tree, &place);
+        let baked = match &grid.tree {
+            AnyTree::Bool(tree) => baked(tree, place, meaning, budget),
+            AnyTree::Int32(tree) => baked(tree, place, meaning, budget),
+            AnyTree::Int64(tree) => baked(tree, place, meaning, budget),
+            AnyTree::Float(tree) => baked(tree, place, meaning, budget),
+            AnyTree::Double(tree) => baked(tree, place, meaning, budget),
+            AnyTree::Vec3i(_) | AnyTree::Vec3s(_) | AnyTree::Vec3d(_) => {
+                return Err(Failure::usage(format!("{label} holds vectors, and only densities are drawn"))
+                    .hint("choose another grid with --grid"));
+            }
+        };
+        let view = match &arguments.scene {
+            Some(scene) => scene_view(scene, bounds)?,
+            None => own_view(&grid.info, bounds)?,
+        };
+        Ok(Drawn { medium: Medium::Baked(baked?), view })
+    }
+}
+
+fn unread(path: &Path, error: VdbReadError) -> Failure {
+    Failure::input(format!("cannot read {}", path.display())).because(error)
+}
+
+fn baked<T: Sampled<Wide = f64>>(
+    tree: &Tree<T>,
+    grid: Grid,
+    meaning: Meaning,
+    budget: u64,
+) -> Result<Baked, Failure> {
+    Baked::new(tree, grid, meaning, budget).map_err(|error| match error {
+        BakedError::TooLarge { .. } => {
+            Failure::failed("the grid takes too much memory").because(error).hint("allow more with --memory")
+        }
+        BakedError::Background(_) => Failure::input("the grid has no end").because(error),
+    })
+}
+
+/// Level sets hold distances.
+fn meaning(info: &GridInfo, place: &Grid) -> Meaning {
+    match info.metadata.get("class") {
+        Some(Meta::String(class)) if class == "level set" => Meaning::Distance(SURFACE * place.cell()),
+        _ => Meaning::Density,
+    }
+}
+
+/// The box of the active voxels.
+fn bounds(tree: &AnyTree, place: &Grid) -> Option<[DVec3; 2]> {
+    let stats = match tree {
+        AnyTree::Bool(tree) => tree.stats(),
+        AnyTree::Int32(tree) => tree.stats(),
+        AnyTree::Int64(tree) => tree.stats(),
+        AnyTree::Float(tree) => tree.stats(),
+        AnyTree::Double(tree) => tree.stats(),
+        AnyTree::Vec3i(tree) => tree.stats(),
+        AnyTree::Vec3s(tree) => tree.stats(),
+        AnyTree::Vec3d(tree) => tree.stats(),
+    };
+    let [low, high] = stats.bounds?.map(|corner| DVec3::from(corner.map(f64::from)));
+    let mut bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    for corner in 0..8 {
+        let pick = |axis: usize| if corner >> axis & 1 == 1 { high[axis] } else { low[axis] };
+        let world = place.to_world(DVec3::new(pick(0), pick(1), pick(2)));
+        bounds = [bounds[0].min(world), bounds[1].max(world)];
+    }
+    Some(bounds)
+}
+
+/// Through a scene's camera, which is framed to the scene.
+fn scene_view(path: &Path, of_file: Option<[DVec3; 2]>) -> Result<View, Failure> {
+    let scene = read_scene(path)?;
+    let bounds = Field::compile(&scene).bounds();
+    Ok(View::of_scene(&scene, bounds.or(of_file)))
+}
+
+/// As the scene says that the file was baked from; with a camera and lights of its own where there is none.
+fn own_view(info: &GridInfo, of_file: Option<[DVec3; 2]>) -> Result<View, Failure> {
+    let text = |name: &str| match info.metadata.get(name) {
+        Some(Meta::String(text)) => Some(text.as_str()),
+        _ => None,
+    };
+    let time = text("vdbake_settings")
+        .and_then(|settings| serde_json::from_str::<serde_json::Value>(settings).ok())
+        .and_then(|settings| settings.get("time")?.as_f64())
+        .unwrap_or(0.0);
+    let own = text("vdbake_scene").and_then(|text| Scene::parse_at(text, "scene", time).ok());
+    match own {
+        Some(scene) => Ok(View::of_scene(&scene, Field::compile(&scene).bounds().or(of_file))),
+        // All that a scene leaves open.
+        None => Ok(View::of_scene(&Scene::parse("", "no scene")?, of_file)),
+    }
+}

@@ -1,0 +1,228 @@
+//! Pictures: rays through all pixels, tile by tile.
+
+use std::sync::OnceLock;
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::camera::{Camera, Ray};
+use super::medium::{Brick, Medium, Way};
+use super::optics::{Lamp, Optics, phase};
+use super::procedural::Worker;
+use super::rays::RAYS;
+use super::shade::{Lit, Wanted};
+use super::shadow::Shadows;
+use super::tiles::{TILE, Tiles};
+use crate::num::Level;
+
+/// How a picture is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quality {
+    /// Pixels from left to right and from top to bottom.
+    pub size: [usize; 2],
+    /// Rays of a pixel.
+    pub samples: u32,
+    /// Rays end where no more than this part of the light is left: so much of what is behind is not seen.
+    pub cutoff: f64,
+    /// Cells between the rays that shadows are found by.
+    pub shadow_pitch: f64,
+}
+
+/// What a picture's pixels hold, in rows from the top: sums over the samples so far.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Film {
+    /// Pixels from left to right and from top to bottom.
+    pub size: [usize; 2],
+    /// Samples of each pixel.
+    pub samples: u32,
+    /// Radiance that the medium sends to the eye: linear red, green and blue.
+    pub radiance: Vec<[f64; 3]>,
+    /// Part of the light from behind that comes through.
+    pub transmittance: Vec<f64>,
+    /// Optical depth.
+    pub depth: Vec<f64>,
+    /// Of the first sample: the distance from the eye, in metres, at which half of the light from there is lost;
+    /// infinite where more comes through.
+    pub half: Vec<f64>,
+}
+
+impl Film {
+    fn new(size: [usize; 2]) -> Film {
+        let pixels = size[0] * size[1];
+        Film {
+            size,
+            samples: 0,
+            radiance: vec![[0.0; 3]; pixels],
+            transmittance: vec![0.0; pixels],
+            depth: vec![0.0; pixels],
+            half: vec![f64::INFINITY; pixels],
+        }
+    }
+}
+
+/// A picture in the making.
+pub struct Picture<'a> {
+    medium: &'a Medium<'a>,
+    camera: Camera,
+    optics: &'a Optics,
+    quality: Quality,
+    level: Level,
+    tiles: Tiles,
+    shadows: Shadows,
+    tables: Vec<OnceLock<Box<[f32]>>>,
+    film: Film,
+}
+
+/// Where in its pixel a sample is: x to the right and y down, each from 0 to 1. The first is in the middle; the others are
+/// Roberts' sequence R2 (2018), which fills the square evenly.
+fn jitter(sample: u32) -> DVec2 {
+    // The reciprocals of the plastic number and of its square.
+    let place =
+        DVec2::splat(0.5) + f64::from(sample) * DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
+    place - place.floor()
+}
+
+impl<'a> Picture<'a> {
+    /// Finds what each part of the picture sees, and the shadows.
+    pub fn new(
+        medium: &'a Medium<'a>,
+        camera: Camera,
+        optics: &'a Optics,
+        quality: Quality,
+        level: Level,
+    ) -> Picture<'a> {
+        let tiles = Tiles::new(&camera, quality.size, medium.grid(), medium.bricks());
+        let shadows = Shadows::new(medium, optics, quality.shadow_pitch, level);
+        let tables = (0..medium.bricks().blocks.len()).map(|_| OnceLock::new()).collect();
+        let film = Film::new(quality.size);
+        Picture { medium, camera, optics, quality, level, tiles, shadows, tables, film }
+    }
+
+    /// What there is so far.
+    pub fn film(&self) -> &Film {
+        &self.film
+    }
+
+    /// Takes one more sample of every pixel. `done` is told of every tile.
+    pub fn sample(&mut self, done: impl Fn(usize) + Sync) {
+        let at = jitter(self.film.samples);
+        let wanted = Wanted { deepest: -libm::log(self.quality.cutoff), extinction: self.optics.extinction };
+        let found: Vec<Vec<Pixel>> = (0..self.tiles.count())
+            .into_par_iter()
+            .with_max_len(1)
+            .map_init(
+                || (Way::default(), Worker::default()),
+                |(way, worker), tile| {
+                    let pixels = self.tile(tile, at, &wanted, way, worker);
+                    done(1);
+                    pixels
+                },
+            )
+            .collect();
+        let first = self.film.samples == 0;
+        for (tile, pixels) in found.into_iter().enumerate() {
+            let corner = self.tiles.corner(tile);
+            for (number, pixel) in pixels.into_iter().enumerate() {
+                let [x, y] = [corner[0] + number % TILE, corner[1] + number / TILE];
+                if x >= self.film.size[0] || y >= self.film.size[1] {
+                    continue;
+                }
+                let at = y * self.film.size[0] + x;
+                for (sum, colour) in self.film.radiance[at].iter_mut().zip(pixel.radiance.to_array()) {
+                    *sum += colour;
+                }
+                self.film.transmittance[at] += libm::exp(-pixel.depth);
+                self.film.depth[at] += pixel.depth;
+                if first {
+                    self.film.half[at] = pixel.half;
+                }
+            }
+        }
+        self.film.samples += 1;
+    }
+
+    /// Number of tiles.
+    pub fn tiles(&self) -> usize {
+        self.tiles.count()
+    }
+
+    fn tile(
+        &self,
+        tile: usize,
+        at: DVec2,
+        wanted: &Wanted,
+        way: &mut Way,
+        worker: &mut Worker,
+    ) -> Vec<Pixel> {
+        let seen = self.tiles.seen(tile);
+        if seen.is_empty() {
+            return vec![Pixel::default(); RAYS];
+        }
+        let grid = self.medium.grid();
+        way.rays.begin(grid, self.tiles.rays(tile, &self.camera, at));
+        for seen in seen {
+            if way.rays.is_done() {
+                break;
+            }
+            let number = seen.brick as usize;
+            let block = self.medium.bricks().blocks[number];
+            let table: &[f32] = if self.optics.lamps.is_empty() {
+                &[]
+            } else {
+                self.tables[number].get_or_init(|| self.shadows.table(grid, block))
+            };
+            let lit = Lit::new(self.optics, grid, block, table);
+            let brick = Brick { block, seen, wanted, lit: &lit };
+            self.medium.carry(self.level, brick, way, worker);
+        }
+        let uniform = self.optics.uniform_source();
+        let rays = &way.rays;
+        let ahead = self.tiles.rays(tile, &self.camera, at);
+        ahead
+            .enumerate()
+            .map(|(ray, of)| {
+                let Some(of) = of else { return Pixel::default() };
+                let depth = rays.depth[ray];
+                let mut radiance = uniform * -libm::expm1(-depth);
+                for (lamp, light) in self.optics.lamps.iter().zip(&rays.light) {
+                    let towards = match lamp {
+                        Lamp::Sun { direction, .. } => {
+                            phase(self.optics.anisotropy, *direction, -of.direction)
+                        }
+                        Lamp::Point { .. } => 1.0,
+                    };
+                    radiance += self.optics.albedo * lamp.colour() * (towards * light[ray]);
+                }
+                Pixel { radiance, depth, half: rays.half[ray] * f64::from(rays.metres[ray]) }
+            })
+            .collect()
+    }
+}
+
+/// What a ray saw.
+#[derive(Debug, Clone, Copy)]
+struct Pixel {
+    radiance: DVec3,
+    depth: f64,
+    half: f64,
+}
+
+impl Default for Pixel {
+    fn default() -> Pixel {
+        Pixel { radiance: DVec3::ZERO, depth: 0.0, half: f64::INFINITY }
+    }
+}
+
+impl Tiles {
+    /// The rays of a tile's pixels, in rows; of those beyond the picture's border there are none.
+    pub(super) fn rays(&self, tile: usize, camera: &Camera, at: DVec2) -> impl Iterator<Item = Option<Ray>> {
+        let (corner, size, camera) = (self.corner(tile), self.size, *camera);
+        (0..RAYS).map(move |number| {
+            let pixel = [corner[0] + number % TILE, corner[1] + number / TILE];
+            #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
+            let part = |axis: usize| 2.0 * (pixel[axis] as f64 + at[axis]) / size[axis] as f64 - 1.0;
+            let is_inside = pixel[0] < size[0] && pixel[1] < size[1];
+            is_inside.then(|| camera.ray(DVec2::new(part(0), -part(1))))
+        })
+    }
+}

@@ -1,0 +1,238 @@
+//! The light that rays gather within a brick, segment by segment, in lanes.
+
+use glam::DVec3;
+
+use super::grid::{EDGE, Grid};
+use super::optics::{Lamp, MOST_LAMPS, Optics};
+use super::rays::{Hits, LANES, Rays, single};
+use super::segment::Weights;
+use super::table::{Table, trilinear};
+use crate::num::Real;
+
+/// Points of a brick's shadow table along an edge: its corners, and every second cell's.
+pub(super) const SHADOW_EDGE: usize = 5;
+/// Points of a brick's shadow table.
+pub(super) const SHADOWS: usize = SHADOW_EDGE * SHADOW_EDGE * SHADOW_EDGE;
+/// Where the source changes, segments are divided until their optical depth is about this.
+pub(super) const LONGEST: f64 = 0.7;
+
+/// What a picture asks of every ray.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted {
+    /// Rays of this optical depth have seen everything.
+    pub(super) deepest: f64,
+    /// Extinction per metre at density 1.
+    pub(super) extinction: f64,
+}
+
+/// The lamps as a brick sees them.
+#[derive(Debug, Clone)]
+pub(super) struct Lit<'a> {
+    pub(super) lamps: usize,
+    /// The optical depth towards each lamp, at the points of the brick's table.
+    pub(super) shadows: [&'a [f32]; MOST_LAMPS],
+    /// From a point to the brick's corner, in metres; `None` for suns.
+    points: [Option<[f32; 3]>; MOST_LAMPS],
+    /// Columns: metres in the world for a cell along each axis.
+    cell: [[f32; 3]; 3],
+    anisotropy: f32,
+}
+
+impl<'a> Lit<'a> {
+    /// With the tables of all lamps, one after the other.
+    pub(super) fn new(optics: &Optics, grid: &Grid, block: [i32; 3], shadows: &'a [f32]) -> Lit<'a> {
+        let corner = grid.to_world(DVec3::from(block.map(|c| f64::from(c) * f64::from(EDGE))));
+        let zero = grid.to_world(DVec3::ZERO);
+        let mut lit = Lit {
+            lamps: optics.lamps.len().min(MOST_LAMPS),
+            shadows: [&[]; MOST_LAMPS],
+            points: [None; MOST_LAMPS],
+            cell: DVec3::AXES.map(|axis| (grid.to_world(axis) - zero).to_array().map(single)),
+            anisotropy: single(optics.anisotropy),
+        };
+        let tables = shadows.chunks_exact(SHADOWS).map(Some).chain(std::iter::repeat(None));
+        for ((lamp, table), (shadow, point)) in
+            optics.lamps.iter().zip(tables).zip(lit.shadows.iter_mut().zip(&mut lit.points))
+        {
+            *shadow = table.unwrap_or(&[]);
+            if let Lamp::Point { position, .. } = lamp {
+                *point = Some((corner - *position).to_array().map(single));
+            }
+        }
+        lit
+    }
+}
+
+/// A group of rays on their way through a brick. Lengths are in cells.
+pub(super) struct Group<R> {
+    pub(super) position: [R; 3],
+    pub(super) direction: [R; 3],
+    pub(super) end: R,
+    /// How far the rays have come.
+    pub(super) at: R,
+    /// Optical depth of a cell of density 1.
+    pub(super) extinction: R,
+    /// Optical depth, and transmittance, from where they began to see to the brick.
+    pub(super) before: R,
+    dimmed: R,
+    /// From there to where they are.
+    pub(super) depth: R,
+    transmittance: R,
+    /// What lamps add, dimmed from the brick's edge.
+    light: [R; MOST_LAMPS],
+    /// The lamps' light where the rays are, if `is_known`.
+    source: [R; MOST_LAMPS],
+    is_known: bool,
+    half: R,
+    /// Metres for a cell, along each ray.
+    metres: R,
+}
+
+impl<R: Real<Scalar = f32>> Group<R> {
+    #[inline(always)]
+    pub(super) fn new(token: R::Token, rays: &Rays, hits: &Hits, first: usize, wanted: &Wanted) -> Group<R> {
+        let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+        let (mut before, mut metres) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let ray = hits.ray(first + lane);
+            before[lane] = single(rays.depth[ray]);
+            metres[lane] = rays.metres[ray];
+        }
+        let metres = R::load(token, &metres);
+        let before = R::load(token, &before);
+        let load = |from: &[f32]| R::load(token, &from[first..first + LANES]);
+        let begin = load(&hits.begin[..]);
+        Group {
+            position: [load(&hits.position[0][..]), load(&hits.position[1][..]), load(&hits.position[2][..])],
+            direction: [
+                load(&hits.direction[0][..]),
+                load(&hits.direction[1][..]),
+                load(&hits.direction[2][..]),
+            ],
+            end: load(&hits.end[..]),
+            at: begin,
+            extinction: metres * R::constant(token, wanted.extinction),
+            before,
+            dimmed: (before * R::constant(token, -std::f64::consts::LOG2_E)).exp2(token),
+            depth: zero,
+            transmittance: one,
+            light: [zero; MOST_LAMPS],
+            source: [zero; MOST_LAMPS],
+            is_known: false,
+            half: R::constant(token, 1e30),
+            metres,
+        }
+    }
+
+    /// Goes on by `length` through a segment with the optical depth `depth`; both are 0 in lanes that have arrived.
+    #[inline(always)]
+    pub(super) fn go(&mut self, token: R::Token, lit: &Lit<'_>, length: R, depth: R) {
+        let zero = R::constant(token, 0.0);
+        let next = self.at + length;
+        if R::bitmask(zero.lt(depth)) == 0 {
+            self.at = next;
+            self.is_known = false;
+            return;
+        }
+        // Where half of the light is left; within a segment the depth is taken to grow evenly.
+        let half = R::constant(token, std::f64::consts::LN_2);
+        let seen = self.before + self.depth;
+        let crosses = R::and(seen.lt(half), half.le(seen + depth));
+        let part = (half - seen) / depth;
+        self.half = R::select(crosses, self.at + part * length, self.half);
+        self.depth = self.depth + depth;
+        if lit.lamps > 0 {
+            let weights = Weights::new(token, depth);
+            for lamp in 0..lit.lamps {
+                let near =
+                    if self.is_known { self.source[lamp] } else { self.lamp(token, lit, lamp, self.at) };
+                let far = self.lamp(token, lit, lamp, next);
+                let gathered = near * weights.near + far * weights.far;
+                self.light[lamp] = self.light[lamp] + self.transmittance * gathered;
+                self.source[lamp] = far;
+            }
+            self.is_known = true;
+            self.transmittance = self.transmittance * weights.transmittance;
+        }
+        self.at = next;
+    }
+
+    /// The light of a lamp that arrives at a place along the rays and leaves towards the eye; of suns without the phase
+    /// function.
+    #[inline(always)]
+    fn lamp(&self, token: R::Token, lit: &Lit<'_>, lamp: usize, at: R) -> R {
+        let mut place = self.position;
+        for axis in 0..3 {
+            place[axis] = place[axis] + at * self.direction[axis];
+        }
+        let mut light = R::constant(token, 1.0);
+        if !lit.shadows[lamp].is_empty() {
+            let table = Table::<SHADOW_EDGE>(lit.shadows[lamp]);
+            let half = R::constant(token, 0.5);
+            let depth = trilinear(token, &table, [place[0] * half, place[1] * half, place[2] * half]);
+            light = (depth * R::constant(token, -std::f64::consts::LOG2_E)).exp2(token);
+        }
+        let Some(corner) = lit.points[lamp] else { return light };
+        // From the lamp, and along the ray, in metres.
+        let zero = R::constant(token, 0.0);
+        let (mut from, mut along) = ([zero; 3], [zero; 3]);
+        for axis in 0..3 {
+            from[axis] = R::splat(token, corner[axis]);
+            for column in 0..3 {
+                let metres = R::splat(token, lit.cell[column][axis]);
+                from[axis] = from[axis] + metres * place[column];
+                along[axis] = along[axis] + metres * self.direction[column];
+            }
+        }
+        let squared = from[0] * from[0] + from[1] * from[1] + from[2] * from[2];
+        let squared = squared.most(R::constant(token, 1e-30));
+        let distance = squared.sqrt();
+        // The sum of both, of length 1, since light leaves against the ray.
+        let mut apart = zero;
+        for axis in 0..3 {
+            let sum = from[axis] / distance + along[axis] / self.metres;
+            apart = apart + sum * sum;
+        }
+        let g = lit.anisotropy;
+        let narrow = R::splat(token, (1.0 - g) * (1.0 - g)) + apart * R::splat(token, g);
+        let phase = R::splat(token, (1.0 - g * g) / (4.0 * std::f32::consts::PI)) / (narrow * narrow.sqrt());
+        light * phase / squared
+    }
+
+    /// Lanes that are not through, and still see something.
+    #[inline(always)]
+    pub(super) fn going(&self, token: R::Token, wanted: &Wanted) -> R::Mask {
+        let deepest = R::constant(token, wanted.deepest);
+        R::and(self.at.lt(self.end), (self.before + self.depth).lt(deepest))
+    }
+
+    /// Hands what was found over to the tile.
+    #[inline(always)]
+    pub(super) fn finish(&self, rays: &mut Rays, hits: &Hits, first: usize, wanted: &Wanted, lamps: usize) {
+        let mut depth = [0.0; LANES];
+        self.depth.store(&mut depth);
+        let count = LANES.min(hits.count - first);
+        for lane in 0..count {
+            let ray = hits.ray(first + lane);
+            rays.depth[ray] += f64::from(depth[lane]);
+            if rays.depth[ray] >= wanted.deepest {
+                rays.alive[ray / LANES] &= !(1 << (ray % LANES));
+            }
+        }
+        let mut half = [0.0; LANES];
+        self.half.store(&mut half);
+        for lane in 0..count {
+            let ray = hits.ray(first + lane);
+            if half[lane] < 1e29 {
+                rays.half[ray] = hits.middle[ray] + f64::from(half[lane]);
+            }
+        }
+        for lamp in 0..lamps {
+            let mut light = [0.0; LANES];
+            (self.light[lamp] * self.dimmed).store(&mut light);
+            for lane in 0..count {
+                rays.light[lamp][hits.ray(first + lane)] += f64::from(light[lane]);
+            }
+        }
+    }
+}

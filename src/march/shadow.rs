@@ -1,0 +1,283 @@
+//! How much light of a lamp arrives where: optical depths along rays from it, kept in steps.
+//!
+//! Rays leave a lamp as if it were a camera, two cells apart, and keep their optical depth at every two cells' length; in
+//! between it is linear, along the rays and from ray to ray.
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::bins::Bins;
+use super::camera::Camera;
+use super::grid::Grid;
+use super::medium::{Brick, Medium, Way};
+use super::optics::{Lamp, Optics};
+use super::procedural::Worker;
+use super::rays::RAYS;
+use super::shade::{Lit, SHADOW_EDGE, SHADOWS, Wanted};
+use super::tiles::{TILE, Tiles};
+use crate::num::Level;
+
+/// Rays along an edge of a map at most.
+const MOST_RAYS: f64 = 4096.0;
+/// Pieces of a ray at most.
+const MOST_PIECES: f64 = 8192.0;
+/// Beyond this nothing is lit.
+const DEEPEST: f64 = 80.0;
+
+/// The optical depths along the rays of one camera that is a lamp.
+#[derive(Debug)]
+struct Map {
+    camera: Camera,
+    size: [usize; 2],
+    /// Metres for a piece, and from the camera to the first of a tile.
+    step: f64,
+    /// Of each ray: where its depths begin, the number of its first piece that has any, and their number.
+    rays: Vec<(usize, u32, u32)>,
+    /// After each piece, from the lamp on.
+    depths: Vec<f32>,
+}
+
+/// All maps of a lamp: one of a sun, up to six of a point.
+#[derive(Debug)]
+struct Shadow {
+    maps: Vec<Map>,
+}
+
+/// The shadows of all lamps.
+#[derive(Debug)]
+pub(super) struct Shadows {
+    lamps: Vec<Shadow>,
+}
+
+impl Shadows {
+    /// Along rays that are `pitch` cells apart.
+    pub(super) fn new(medium: &Medium<'_>, optics: &Optics, pitch: f64, level: Level) -> Shadows {
+        let lamps = optics
+            .lamps
+            .iter()
+            .map(|lamp| {
+                let cameras = cameras(lamp, medium.grid(), medium.bricks().bounds(), pitch);
+                let map = |(camera, rays, step, pieces)| {
+                    Map::new(medium, camera, rays, step, pieces, optics.extinction, level)
+                };
+                Shadow { maps: cameras.into_iter().map(map).collect() }
+            })
+            .collect();
+        Shadows { lamps }
+    }
+
+    /// The optical depths towards each lamp at the points of a brick's table.
+    pub(super) fn table(&self, grid: &Grid, block: [i32; 3]) -> Box<[f32]> {
+        let edge = 8.0;
+        let corner = DVec3::from(block.map(|c| f64::from(c) * edge));
+        let first = grid.to_world(corner);
+        #[allow(clippy::cast_precision_loss, reason = "small")]
+        let step = edge / (SHADOW_EDGE - 1) as f64;
+        let steps = DVec3::AXES.map(|axis| grid.to_world(corner + axis * step) - first);
+        let mut table = Vec::with_capacity(SHADOWS * self.lamps.len());
+        for lamp in &self.lamps {
+            for n in 0..SHADOWS {
+                #[allow(clippy::cast_precision_loss, reason = "small")]
+                let at = [n / SHADOW_EDGE / SHADOW_EDGE, n / SHADOW_EDGE % SHADOW_EDGE, n % SHADOW_EDGE]
+                    .map(|c| c as f64);
+                let world = first + steps[0] * at[0] + steps[1] * at[1] + steps[2] * at[2];
+                table.push(lamp.depth(world));
+            }
+        }
+        table.into()
+    }
+}
+
+/// The cameras of a lamp, with the rays of each, the length of a piece in metres and the number of pieces.
+fn cameras(
+    lamp: &Lamp,
+    grid: &Grid,
+    bounds: Option<[DVec3; 2]>,
+    pitch: f64,
+) -> Vec<(Camera, [usize; 2], f64, usize)> {
+    let Some([low, high]) = bounds else { return Vec::new() };
+    let corners: [DVec3; 8] = std::array::from_fn(|n| {
+        let pick = |axis: usize| if n >> axis & 1 == 1 { high[axis] } else { low[axis] };
+        grid.to_world(DVec3::new(pick(0), pick(1), pick(2)))
+    });
+    let centre = corners.iter().sum::<DVec3>() / 8.0;
+    let pitch = pitch * grid.cell();
+    match lamp {
+        Lamp::Sun { direction, .. } => {
+            let right = direction.any_orthonormal_vector();
+            let up = right.cross(*direction);
+            let reach =
+                |axis: DVec3| corners.iter().map(|c| (*c - centre).dot(axis).abs()).fold(0.0, f64::max);
+            let [across, above, deep] = [right, up, *direction].map(reach);
+            let pitch = pitch.max(2.0 * across.max(above) / MOST_RAYS);
+            let rays = |reach: f64| (2.0 * reach / pitch).ceil() + 2.0;
+            let [columns, rows] = [rays(across), rays(above)];
+            let camera = Camera {
+                eye: centre - *direction * deep,
+                forward: *direction,
+                right,
+                up,
+                half: DVec2::new(columns, rows) * 0.5 * pitch,
+                is_orthographic: true,
+            };
+            let step = pitch.max(2.0 * deep / MOST_PIECES);
+            vec![(camera, [whole(columns), whole(rows)], step, whole((2.0 * deep / step).ceil()) + 1)]
+        }
+        Lamp::Point { position, .. } => {
+            let farthest = corners.iter().map(|c| c.distance(*position)).fold(0.0, f64::max);
+            let across = corners.iter().map(|c| c.distance(centre)).fold(0.0, f64::max);
+            // Rays are as far apart as asked for at the middle of what they light.
+            let middle = centre.distance(*position).max(0.5 * across);
+            let rays = (2.0 * middle / pitch).ceil().clamp(16.0, 0.25 * MOST_RAYS);
+            let step = pitch.max(farthest / MOST_PIECES);
+            let pieces = whole((farthest / step).ceil()) + 1;
+            let sides = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+            sides
+                .map(|forward| {
+                    let right = forward.any_orthonormal_vector();
+                    let camera = Camera {
+                        eye: *position,
+                        forward,
+                        right,
+                        up: right.cross(forward),
+                        // Beyond the border by a ray, so that there are rays on both sides of it.
+                        half: DVec2::splat(rays / (rays - 2.0)),
+                        is_orthographic: false,
+                    };
+                    (camera, [whole(rays); 2], step, pieces)
+                })
+                .collect()
+        }
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole and small")]
+fn whole(x: f64) -> usize {
+    x as usize
+}
+
+impl Map {
+    fn new(
+        medium: &Medium<'_>,
+        camera: Camera,
+        size: [usize; 2],
+        step: f64,
+        pieces: usize,
+        extinction: f64,
+        level: Level,
+    ) -> Map {
+        let tiles = Tiles::new(&camera, size, medium.grid(), medium.bricks());
+        let wanted = Wanted { deepest: DEEPEST, extinction };
+        let dark = Optics {
+            extinction,
+            albedo: DVec3::ZERO,
+            anisotropy: 0.0,
+            emission: DVec3::ZERO,
+            lamps: Vec::new(),
+            ambient: DVec3::ZERO,
+        };
+        let found: Vec<Vec<(u32, Vec<f32>)>> = (0..tiles.count())
+            .into_par_iter()
+            .with_max_len(1)
+            .map_init(
+                || (Way::default(), Bins::default(), Worker::default()),
+                |(way, bins, worker), tile| {
+                    let seen = tiles.seen(tile);
+                    if seen.is_empty() {
+                        return Vec::new();
+                    }
+                    way.rays.begin(medium.grid(), tiles.rays(tile, &camera, DVec2::splat(0.5)));
+                    bins.begin(&way.rays, step, pieces);
+                    for seen in seen {
+                        let block = medium.bricks().blocks[seen.brick as usize];
+                        let lit = Lit::new(&dark, medium.grid(), block, &[]);
+                        let brick = Brick { block, seen, wanted: &wanted, lit: &lit };
+                        medium.record(level, brick, way, bins, worker);
+                    }
+                    (0..RAYS).map(|ray| running(bins.of(ray))).collect()
+                },
+            )
+            .collect();
+        let mut map =
+            Map { camera, size, step, rays: vec![(0, 0, 0); size[0] * size[1]], depths: Vec::new() };
+        for (tile, rays) in found.into_iter().enumerate() {
+            let corner = tiles.corner(tile);
+            for (number, (first, depths)) in rays.into_iter().enumerate() {
+                let [x, y] = [corner[0] + number % TILE, corner[1] + number / TILE];
+                if x < size[0] && y < size[1] && !depths.is_empty() {
+                    let count = u32::try_from(depths.len()).unwrap_or(0);
+                    map.rays[y * size[0] + x] = (map.depths.len(), first, count);
+                    map.depths.extend(depths);
+                }
+            }
+        }
+        map
+    }
+
+    /// The optical depth from the lamp to a point, if it is in the map's part of space.
+    fn depth(&self, point: DVec3) -> Option<f32> {
+        let to = point - self.camera.eye;
+        let forward = to.dot(self.camera.forward);
+        let mut place = DVec2::new(to.dot(self.camera.right), to.dot(self.camera.up)) / self.camera.half;
+        let mut distance = forward;
+        if !self.camera.is_orthographic {
+            // A little beyond the right angle: which of two maps is taken on their border does not matter.
+            if to.abs().max_element() > forward * (1.0 + 1e-9) {
+                return None;
+            }
+            place /= forward;
+            distance = to.length();
+        }
+        #[allow(clippy::cast_precision_loss, reason = "small")]
+        let rays = [self.size[0] as f64, self.size[1] as f64];
+        let x = 0.5 * (place.x + 1.0) * rays[0] - 0.5;
+        let y = 0.5 * (1.0 - place.y) * rays[1] - 0.5;
+        let (left, top) = (x.floor(), y.floor());
+        let [s, t] = [x - left, y - top];
+        let pieces = distance / self.step;
+        let at = |column: f64, row: f64| {
+            let column = column.clamp(0.0, rays[0] - 1.0);
+            let row = row.clamp(0.0, rays[1] - 1.0);
+            self.along(whole(row) * self.size[0] + whole(column), pieces)
+        };
+        let above = at(left, top) * (1.0 - s) + at(left + 1.0, top) * s;
+        let below = at(left, top + 1.0) * (1.0 - s) + at(left + 1.0, top + 1.0) * s;
+        Some(super::rays::single(above * (1.0 - t) + below * t))
+    }
+
+    /// The optical depth along a ray, so many pieces from its origin.
+    fn along(&self, ray: usize, pieces: f64) -> f64 {
+        let (start, first, count) = self.rays[ray];
+        let local = pieces - f64::from(first);
+        if count == 0 || local <= 0.0 {
+            return 0.0;
+        }
+        let depths = &self.depths[start..start + count as usize];
+        let piece = whole(local.floor());
+        let after = |piece: usize| f64::from(depths[piece.min(depths.len() - 1)]);
+        let before = if piece == 0 { 0.0 } else { after(piece - 1) };
+        before + (after(piece) - before) * (local - local.floor())
+    }
+}
+
+/// The sums of pieces from the first on that is not 0 to the last.
+fn running(depths: &[f32]) -> (u32, Vec<f32>) {
+    let Some(first) = depths.iter().position(|depth| *depth > 0.0) else { return (0, Vec::new()) };
+    let last = depths.iter().rposition(|depth| *depth > 0.0).unwrap_or(first);
+    let mut sum = 0.0_f64;
+    let sums = depths[first..=last]
+        .iter()
+        .map(|depth| {
+            sum += f64::from(*depth);
+            super::rays::single(sum)
+        })
+        .collect();
+    (u32::try_from(first).unwrap_or(0), sums)
+}
+
+impl Shadow {
+    /// The optical depth from the lamp to a point.
+    fn depth(&self, point: DVec3) -> f32 {
+        self.maps.iter().find_map(|map| map.depth(point)).unwrap_or(0.0)
+    }
+}
