@@ -1,4 +1,37 @@
-//! Pictures of a medium.
+//! Pictures of a medium, a scene's density itself or voxels, through the same camera and lights.
+//!
+//! # What a picture shows
+//!
+//! With the density d along a ray from the eye, the extinction `x d`, and the optical depth `t` from the eye to a point, the
+//! eye sees
+//!
+//! ```text
+//! L = integral of e^-t x d S ds + e^-T B
+//! ```
+//!
+//! over the whole ray, where T is the optical depth of all of it and B the background. The source S of *single scattering* is
+//!
+//! ```text
+//! S = albedo (sum over lamps of p E e^-t' + ambient) + emission / x
+//! ```
+//!
+//! with p the phase function of Henyey and Greenstein (1941), E a sun's irradiance or a point's intensity over the squared
+//! distance, and t' the optical depth from the lamp. Everything is in metres and in linear red, green and blue. The density of
+//! voxels is linear along each axis between their centres, and 0 beside them.
+//!
+//! # How it is found
+//!
+//! Space is cut into *bricks*, cubes of 8^3 cells of the medium's grid. [`Picture`] finds the bricks that each part of a
+//! picture, of 32^2 pixels, sees, in an order in which every ray meets them (`tiles`), and carries all rays of the part through
+//! brick after brick, sixteen at once (`rays`, `shade`). So a scene's density is narrowed to a brick once for all of them, and the
+//! values of a brick are in the cache while they are used. Rays end when nothing more than the cutoff is left of the light.
+//!
+//! - Voxels (`baked`): a ray goes from cell to cell. There the density along it is a polynomial of degree 3, which Gauss's rule
+//!   of two samples integrates exactly; so the optical depth of voxels has no error but rounding.
+//! - Scenes (`procedural`): the same rule over equal segments no longer than a step, shorter where it is dense. Its error is of
+//!   order 4 in the step where the density is smooth.
+//! - Within a segment the source is linear in the optical depth (`segment`): a uniform source is integrated exactly.
+//! - Shadows (`shadow`) are kept as optical depths along rays from the lamps.
 
 mod baked;
 mod bins;
@@ -14,6 +47,8 @@ mod segment;
 mod shade;
 mod shadow;
 mod table;
+#[cfg(test)]
+mod tests;
 mod tiles;
 
 pub use baked::{Baked, BakedError, Meaning};

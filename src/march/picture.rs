@@ -44,6 +44,9 @@ pub struct Film {
     /// Of the first sample: the distance from the eye, in metres, at which half of the light from there is lost;
     /// infinite where more comes through.
     pub half: Vec<f64>,
+    /// Of the first sample, where there is such a distance: the direction from there in which the density falls fastest, of
+    /// length 1; else 0. Empty before [`Picture::find_normals`].
+    pub normals: Vec<[f64; 3]>,
 }
 
 impl Film {
@@ -56,7 +59,24 @@ impl Film {
             transmittance: vec![0.0; pixels],
             depth: vec![0.0; pixels],
             half: vec![f64::INFINITY; pixels],
+            normals: Vec::new(),
         }
+    }
+
+    /// Each pixel as large as it must be for another size.
+    pub fn enlarged(&self, size: [usize; 2]) -> Film {
+        let mut film = Film { samples: self.samples, ..Film::new(size) };
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let from = y * self.size[1] / size[1] * self.size[0] + x * self.size[0] / size[0];
+                let to = y * size[0] + x;
+                film.radiance[to] = self.radiance[from];
+                film.transmittance[to] = self.transmittance[from];
+                film.depth[to] = self.depth[from];
+                film.half[to] = self.half[from];
+            }
+        }
+        film
     }
 }
 
@@ -141,6 +161,34 @@ impl<'a> Picture<'a> {
         self.film.samples += 1;
     }
 
+    /// Finds the normals of what the first sample saw.
+    pub fn find_normals(&mut self) {
+        let grid = self.medium.grid();
+        let size = self.film.size;
+        let place = |pixel: usize| {
+            let half = self.film.half[pixel];
+            let ray = self.camera.ray(self.tiles.place([pixel % size[0], pixel / size[0]], jitter(0)));
+            half.is_finite().then(|| grid.to_grid(ray.at(half)))
+        };
+        let pixels = 0..size[0] * size[1];
+        let found: Vec<(usize, DVec3)> =
+            pixels.clone().filter_map(|pixel| Some((pixel, place(pixel)?))).collect();
+        // Differences over a cell: of voxels, the slope between those on both sides.
+        let places: Vec<DVec3> = found
+            .iter()
+            .flat_map(|(_, place)| {
+                DVec3::AXES.into_iter().flat_map(|axis| [*place - 0.5 * axis, *place + 0.5 * axis])
+            })
+            .collect();
+        let densities = self.medium.densities_at(&places, self.level);
+        self.film.normals = vec![[0.0; 3]; pixels.len()];
+        for ((pixel, _), around) in found.iter().zip(densities.chunks_exact(6)) {
+            let slope = |axis: usize| f64::from(around[2 * axis + 1]) - f64::from(around[2 * axis]);
+            let gradient = grid.gradient(DVec3::new(slope(0), slope(1), slope(2)));
+            self.film.normals[*pixel] = (-gradient).normalize_or_zero().to_array();
+        }
+    }
+
     /// Number of tiles.
     pub fn tiles(&self) -> usize {
         self.tiles.count()
@@ -171,7 +219,7 @@ impl<'a> Picture<'a> {
             } else {
                 self.tables[number].get_or_init(|| self.shadows.table(grid, block))
             };
-            let lit = Lit::new(self.optics, grid, block, table);
+            let lit = Lit::new(self.optics, grid, block, table, self.shadows.edge);
             let brick = Brick { block, seen, wanted, lit: &lit };
             self.medium.carry(self.level, brick, way, worker);
         }
@@ -214,15 +262,20 @@ impl Default for Pixel {
 }
 
 impl Tiles {
+    /// A place in a pixel as cameras have it.
+    fn place(&self, pixel: [usize; 2], at: DVec2) -> DVec2 {
+        #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
+        let part = |axis: usize| 2.0 * (pixel[axis] as f64 + at[axis]) / self.size[axis] as f64 - 1.0;
+        DVec2::new(part(0), -part(1))
+    }
+
     /// The rays of a tile's pixels, in rows; of those beyond the picture's border there are none.
     pub(super) fn rays(&self, tile: usize, camera: &Camera, at: DVec2) -> impl Iterator<Item = Option<Ray>> {
-        let (corner, size, camera) = (self.corner(tile), self.size, *camera);
+        let corner = self.corner(tile);
         (0..RAYS).map(move |number| {
             let pixel = [corner[0] + number % TILE, corner[1] + number / TILE];
-            #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
-            let part = |axis: usize| 2.0 * (pixel[axis] as f64 + at[axis]) / size[axis] as f64 - 1.0;
-            let is_inside = pixel[0] < size[0] && pixel[1] < size[1];
-            is_inside.then(|| camera.ray(DVec2::new(part(0), -part(1))))
+            let is_inside = pixel[0] < self.size[0] && pixel[1] < self.size[1];
+            is_inside.then(|| camera.ray(self.place(pixel, at)))
         })
     }
 }

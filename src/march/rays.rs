@@ -18,6 +18,8 @@ const ROOM: usize = RAYS + LANES;
 pub(super) struct Rays {
     pub(super) origin: [Box<[f64; RAYS]>; 3],
     pub(super) direction: [Box<[f64; RAYS]>; 3],
+    /// One over each coordinate of the direction.
+    inverse: [Box<[f64; RAYS]>; 3],
     /// Metres for a unit of length.
     pub(super) metres: Box<[f32; RAYS]>,
     /// Those that still see something, a bit each.
@@ -40,6 +42,7 @@ impl Default for Rays {
         Rays {
             origin: std::array::from_fn(zeros),
             direction: std::array::from_fn(zeros),
+            inverse: std::array::from_fn(zeros),
             metres: boxed(0.0),
             alive: [0; GROUPS],
             depth: boxed(0.0),
@@ -64,6 +67,7 @@ impl Rays {
             for axis in 0..3 {
                 self.origin[axis][number] = ray.origin[axis];
                 self.direction[axis][number] = ray.direction[axis];
+                self.inverse[axis][number] = 1.0 / ray.direction[axis];
             }
             #[allow(clippy::cast_possible_truncation, reason = "a factor of single precision")]
             let metres = ray.metres as f32;
@@ -166,31 +170,40 @@ impl Hits {
             }
         }
         self.middle[first..first + LANES].copy_from_slice(&middle);
-        let (zero, edge) = (R::constant(token, 0.0), R::constant(token, f64::from(EDGE)));
-        // No ray begins before its origin.
-        let mut begin = lanes::<R>(token, &middle, |middle| -middle);
-        let mut end = R::constant(token, 1e30);
+        // Between the brick's faces, in double precision: a ray that hardly leaves a face's plane may be on either side.
+        // None begins before its origin.
+        let (mut begin, mut end) = ([0.0; LANES], [f64::INFINITY; LANES]);
+        let zero = R::constant(token, 0.0);
         let mut positions = [zero; 3];
         let mut directions = [zero; 3];
         for axis in 0..3 {
             let origin = &rays.origin[axis][first..first + LANES];
             let direction = &rays.direction[axis][first..first + LANES];
-            let corner = centre[axis] - 0.5 * f64::from(EDGE);
+            let inverse = &rays.inverse[axis][first..first + LANES];
+            let [low, high] = [-0.5, 0.5].map(|side| centre[axis] + side * f64::from(EDGE));
             let mut position = [0.0_f32; LANES];
             let mut along = [0.0_f32; LANES];
             for lane in 0..LANES {
-                position[lane] = single((origin[lane] - corner) + middle[lane] * direction[lane]);
+                // Not a number where a ray lies in a face's plane: it is not less and not more than anything, which keeps
+                // such a ray in the brick below the plane and out of that above.
+                let near = (low - origin[lane]) * inverse[lane];
+                let far = (high - origin[lane]) * inverse[lane];
+                let enters = if near < far { near } else { far };
+                let leaves = if near > far { near } else { far };
+                begin[lane] = if enters > begin[lane] { enters } else { begin[lane] };
+                end[lane] = if leaves < end[lane] { leaves } else { end[lane] };
+                position[lane] = single((origin[lane] - low) + middle[lane] * direction[lane]);
                 along[lane] = single(direction[lane]);
             }
-            let (position, along) = (R::load(token, &position), R::load(token, &along));
-            // Quotients by 0 are infinite, and not a number on a face itself: there `least` and `most` keep what they had.
-            let near = (zero - position) / along;
-            let far = (edge - position) / along;
-            begin = near.least(far).most(begin);
-            end = near.most(far).least(end);
-            positions[axis] = position;
-            directions[axis] = along;
+            positions[axis] = R::load(token, &position);
+            directions[axis] = R::load(token, &along);
         }
+        let (mut enters, mut leaves) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            enters[lane] = single(begin[lane] - middle[lane]);
+            leaves[lane] = single(end[lane] - middle[lane]);
+        }
+        let (begin, end) = (R::load(token, &enters), R::load(token, &leaves));
         let met = R::and(begin.lt(end), R::from_bitmask(token, wanted));
         let bits = R::bitmask(met);
         if bits == 0 {
@@ -235,13 +248,4 @@ fn to_f64(number: usize) -> f64 {
 #[allow(clippy::cast_possible_truncation, reason = "rounding is meant")]
 pub(super) fn single(x: f64) -> f32 {
     x as f32
-}
-
-#[inline(always)]
-fn lanes<R: Real<Scalar = f32>>(token: R::Token, values: &[f64; LANES], map: fn(f64) -> f64) -> R {
-    let mut singles = [0.0; LANES];
-    for lane in 0..LANES {
-        singles[lane] = single(map(values[lane]));
-    }
-    R::load(token, &singles)
 }

@@ -9,7 +9,7 @@
 //!
 //! So where the source is 1 everywhere, and the background too, every picture is 1, however long the segments.
 
-use crate::num::{Real, Scalar};
+use crate::num::Real;
 
 /// Below this the closed form of `b` is a difference of almost equal numbers.
 const SERIES: f64 = 0.5;
@@ -50,12 +50,6 @@ impl<R: Real> Weights<R> {
 
 /// Places of the two samples of Gauss's rule on a segment, as parts of its length.
 pub(super) const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
-
-/// Of constants that are known when compiled.
-#[inline(always)]
-pub(super) fn scalar<T: Scalar>(x: f64) -> T {
-    T::from_f64(x)
-}
 
 #[cfg(test)]
 mod tests {

@@ -9,10 +9,10 @@ use super::segment::Weights;
 use super::table::{Table, trilinear};
 use crate::num::Real;
 
-/// Points of a brick's shadow table along an edge: its corners, and every second cell's.
-pub(super) const SHADOW_EDGE: usize = 5;
-/// Points of a brick's shadow table.
-pub(super) const SHADOWS: usize = SHADOW_EDGE * SHADOW_EDGE * SHADOW_EDGE;
+/// Points of a brick's shadow table along an edge: the corners of all cells, or of cubes of 2^3 cells.
+pub(super) const FINE: usize = 9;
+/// See [`FINE`].
+pub(super) const COARSE: usize = 5;
 /// Where the source changes, segments are divided until their optical depth is about this.
 pub(super) const LONGEST: f64 = 0.7;
 
@@ -30,7 +30,9 @@ pub(super) struct Wanted {
 pub(super) struct Lit<'a> {
     pub(super) lamps: usize,
     /// The optical depth towards each lamp, at the points of the brick's table.
-    pub(super) shadows: [&'a [f32]; MOST_LAMPS],
+    shadows: [&'a [f32]; MOST_LAMPS],
+    /// Points of these tables along an edge.
+    edge: usize,
     /// From a point to the brick's corner, in metres; `None` for suns.
     points: [Option<[f32; 3]>; MOST_LAMPS],
     /// Columns: metres in the world for a cell along each axis.
@@ -39,18 +41,25 @@ pub(super) struct Lit<'a> {
 }
 
 impl<'a> Lit<'a> {
-    /// With the tables of all lamps, one after the other.
-    pub(super) fn new(optics: &Optics, grid: &Grid, block: [i32; 3], shadows: &'a [f32]) -> Lit<'a> {
+    /// With the tables of all lamps, one after the other, of so many points along an edge.
+    pub(super) fn new(
+        optics: &Optics,
+        grid: &Grid,
+        block: [i32; 3],
+        shadows: &'a [f32],
+        edge: usize,
+    ) -> Lit<'a> {
         let corner = grid.to_world(DVec3::from(block.map(|c| f64::from(c) * f64::from(EDGE))));
         let zero = grid.to_world(DVec3::ZERO);
         let mut lit = Lit {
             lamps: optics.lamps.len().min(MOST_LAMPS),
             shadows: [&[]; MOST_LAMPS],
+            edge,
             points: [None; MOST_LAMPS],
             cell: DVec3::AXES.map(|axis| (grid.to_world(axis) - zero).to_array().map(single)),
             anisotropy: single(optics.anisotropy),
         };
-        let tables = shadows.chunks_exact(SHADOWS).map(Some).chain(std::iter::repeat(None));
+        let tables = shadows.chunks_exact(edge * edge * edge).map(Some).chain(std::iter::repeat(None));
         for ((lamp, table), (shadow, point)) in
             optics.lamps.iter().zip(tables).zip(lit.shadows.iter_mut().zip(&mut lit.points))
         {
@@ -128,6 +137,8 @@ impl<R: Real<Scalar = f32>> Group<R> {
     #[inline(always)]
     pub(super) fn go(&mut self, token: R::Token, lit: &Lit<'_>, length: R, depth: R) {
         let zero = R::constant(token, 0.0);
+        // Nothing is seen behind so much, and what follows stays finite.
+        let depth = depth.least(R::constant(token, 1e30));
         let next = self.at + length;
         if R::bitmask(zero.lt(depth)) == 0 {
             self.at = next;
@@ -167,9 +178,13 @@ impl<R: Real<Scalar = f32>> Group<R> {
         }
         let mut light = R::constant(token, 1.0);
         if !lit.shadows[lamp].is_empty() {
-            let table = Table::<SHADOW_EDGE>(lit.shadows[lamp]);
-            let half = R::constant(token, 0.5);
-            let depth = trilinear(token, &table, [place[0] * half, place[1] * half, place[2] * half]);
+            let depth = if lit.edge == FINE {
+                trilinear(token, &Table::<FINE>(lit.shadows[lamp]), place)
+            } else {
+                let half = R::constant(token, 0.5);
+                let place = [place[0] * half, place[1] * half, place[2] * half];
+                trilinear(token, &Table::<COARSE>(lit.shadows[lamp]), place)
+            };
             light = (depth * R::constant(token, -std::f64::consts::LOG2_E)).exp2(token);
         }
         let Some(corner) = lit.points[lamp] else { return light };

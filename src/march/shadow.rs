@@ -13,7 +13,7 @@ use super::medium::{Brick, Medium, Way};
 use super::optics::{Lamp, Optics};
 use super::procedural::Worker;
 use super::rays::RAYS;
-use super::shade::{Lit, SHADOW_EDGE, SHADOWS, Wanted};
+use super::shade::{COARSE, FINE, Lit, Wanted};
 use super::tiles::{TILE, Tiles};
 use crate::num::Level;
 
@@ -47,6 +47,8 @@ struct Shadow {
 #[derive(Debug)]
 pub(super) struct Shadows {
     lamps: Vec<Shadow>,
+    /// Points of a brick's table along an edge.
+    pub(super) edge: usize,
 }
 
 impl Shadows {
@@ -63,23 +65,22 @@ impl Shadows {
                 Shadow { maps: cameras.into_iter().map(map).collect() }
             })
             .collect();
-        Shadows { lamps }
+        Shadows { lamps, edge: if pitch < 2.0 { FINE } else { COARSE } }
     }
 
     /// The optical depths towards each lamp at the points of a brick's table.
     pub(super) fn table(&self, grid: &Grid, block: [i32; 3]) -> Box<[f32]> {
-        let edge = 8.0;
+        let (edge, points) = (8.0, self.edge);
         let corner = DVec3::from(block.map(|c| f64::from(c) * edge));
         let first = grid.to_world(corner);
         #[allow(clippy::cast_precision_loss, reason = "small")]
-        let step = edge / (SHADOW_EDGE - 1) as f64;
+        let step = edge / (points - 1) as f64;
         let steps = DVec3::AXES.map(|axis| grid.to_world(corner + axis * step) - first);
-        let mut table = Vec::with_capacity(SHADOWS * self.lamps.len());
+        let mut table = Vec::with_capacity(points * points * points * self.lamps.len());
         for lamp in &self.lamps {
-            for n in 0..SHADOWS {
+            for n in 0..points * points * points {
                 #[allow(clippy::cast_precision_loss, reason = "small")]
-                let at = [n / SHADOW_EDGE / SHADOW_EDGE, n / SHADOW_EDGE % SHADOW_EDGE, n % SHADOW_EDGE]
-                    .map(|c| c as f64);
+                let at = [n / points / points, n / points % points, n % points].map(|c| c as f64);
                 let world = first + steps[0] * at[0] + steps[1] * at[1] + steps[2] * at[2];
                 table.push(lamp.depth(world));
             }
@@ -190,7 +191,7 @@ impl Map {
                     bins.begin(&way.rays, step, pieces);
                     for seen in seen {
                         let block = medium.bricks().blocks[seen.brick as usize];
-                        let lit = Lit::new(&dark, medium.grid(), block, &[]);
+                        let lit = Lit::new(&dark, medium.grid(), block, &[], COARSE);
                         let brick = Brick { block, seen, wanted: &wanted, lit: &lit };
                         medium.record(level, brick, way, bins, worker);
                     }

@@ -25,6 +25,11 @@ enum Form {
 }
 
 impl Target {
+    /// Whether it holds all that is known of every pixel.
+    pub(super) fn has_layers(&self) -> bool {
+        self.form == Form::Exr
+    }
+
     pub(super) fn new(path: &Path) -> Result<Target, Failure> {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
         let form = match extension.as_deref() {
@@ -87,18 +92,18 @@ fn layers(film: &Film, background: Option<DVec3>) -> Part {
     let colour = |axis: usize| samples(developed.colour.iter().map(|colour| colour[axis]).collect());
     let count = f64::from(film.samples.max(1));
     let mean = |sums: &[f64]| samples(sums.iter().map(|sum| sum / count).collect());
-    Part {
-        name: "picture".to_owned(),
-        pixels: film.size,
-        channels: vec![
-            ("R", colour(0)),
-            ("G", colour(1)),
-            ("B", colour(2)),
-            ("A", samples(developed.alpha.clone())),
-            ("transmittance.Y", mean(&film.transmittance)),
-            ("opticalDepth.Y", mean(&film.depth)),
-            ("depth.Z", samples(film.half.clone())),
-        ],
-        attribute: "{}".to_owned(),
+    let normal = |axis: usize| samples(film.normals.iter().map(|normal| normal[axis]).collect());
+    let mut channels = vec![
+        ("R", colour(0)),
+        ("G", colour(1)),
+        ("B", colour(2)),
+        ("A", samples(developed.alpha.clone())),
+        ("transmittance.Y", mean(&film.transmittance)),
+        ("opticalDepth.Y", mean(&film.depth)),
+        ("depth.Z", samples(film.half.clone())),
+    ];
+    if !film.normals.is_empty() {
+        channels.extend([("normal.X", normal(0)), ("normal.Y", normal(1)), ("normal.Z", normal(2))]);
     }
+    Part { name: "picture".to_owned(), pixels: film.size, channels, attribute: "{}".to_owned() }
 }

@@ -14,7 +14,7 @@ use super::interrupt::Interrupt;
 use super::job::SceneOptions;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
-use crate::march::{Camera, MOST_LAMPS, Picture, Quality};
+use crate::march::{Camera, Film, MOST_LAMPS, Picture, Quality};
 use crate::num::Level;
 use image::Target;
 use source::Drawn;
@@ -57,9 +57,15 @@ pub(super) struct Arguments {
     /// Part of the light that may be left where a ray ends
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
     cutoff: f64,
+    /// Write a coarse picture first, and better ones in its place until all samples are taken
+    #[arg(long)]
+    progressive: bool,
     #[command(flatten)]
     options: SceneOptions,
 }
+
+/// Pixels along an edge that a coarse picture has one for.
+const COARSE: usize = 4;
 
 /// What is behind.
 #[derive(Debug, Clone, Copy)]
@@ -79,6 +85,8 @@ struct Report {
     /// Of a .png.
     exposure: Option<f64>,
     seconds: Times,
+    /// Until a coarse picture was written, where that was asked for.
+    first_picture_seconds: Option<f64>,
     peak_rss_bytes: Option<u64>,
     threads: usize,
     simd: String,
@@ -145,29 +153,50 @@ fn draw(
     let camera = Camera::new(&view.camera, view.bounds, aspect);
     let optics =
         if arguments.absorption_only { view.optics.clone().absorbing() } else { view.optics.clone() };
+    let background = match arguments.background {
+        Some(Background(colour)) => colour,
+        None => view.camera.background,
+    };
+    let exposure = arguments.exposure.or(view.camera.exposure);
+    let write = |film: &Film| target.write(film, background.map(Into::into), exposure, interrupt);
+    interrupt.hold();
+    let mut first_picture = None;
+    if arguments.progressive {
+        let coarse = Quality {
+            size: quality.size.map(|edge| edge.div_ceil(COARSE)),
+            shadow_pitch: 8.0_f64.min(quality.shadow_pitch * 4.0),
+            ..quality
+        };
+        let mut picture = Picture::new(&drawn.medium, camera, &optics, coarse, level);
+        picture.sample(|_| {});
+        write(&picture.film().enlarged(quality.size))?;
+        first_picture = Some(clock.first.elapsed().as_secs_f64());
+        interrupt.check()?;
+        clock.lap();
+    }
     let mut picture = Picture::new(&drawn.medium, camera, &optics, quality, level);
     let prepare = clock.lap();
-    interrupt.hold();
     let mut progress = Progress::new(1, global.quiet);
     progress.begin(picture.tiles() * arguments.samples as usize);
     let progress = Mutex::new(progress);
-    for _ in 0..arguments.samples {
+    for sample in 1..=arguments.samples {
         picture.sample(|tiles| {
             if let Ok(mut progress) = progress.lock() {
                 progress.advance(tiles);
             }
         });
         interrupt.check()?;
+        if arguments.progressive && sample.is_power_of_two() && sample < arguments.samples {
+            write(picture.film())?;
+        }
     }
     drop(progress);
+    if target.has_layers() {
+        picture.find_normals();
+    }
     let march = clock.lap();
-    let background = match arguments.background {
-        Some(Background(colour)) => colour,
-        None => view.camera.background,
-    };
     let film = picture.film();
-    let exposure = arguments.exposure.or(view.camera.exposure);
-    let exposure = target.write(film, background.map(Into::into), exposure, interrupt)?;
+    let exposure = write(film)?;
     let write = clock.lap();
     #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
     let pixels = film.transmittance.len() as f64 * f64::from(film.samples);
@@ -180,6 +209,7 @@ fn draw(
         mean_transmittance: film.transmittance.iter().sum::<f64>() / pixels,
         exposure,
         seconds: Times { load, prepare, march, write, total: clock.first.elapsed().as_secs_f64() },
+        first_picture_seconds: first_picture,
         peak_rss_bytes: machine::peak_memory(),
         threads: rayon::current_num_threads(),
         simd: level.name(),

@@ -10,7 +10,7 @@ use crate::cli::Failure;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
 use crate::field::{Field, Lattice};
-use crate::formats::vdb::{AnyTree, GridInfo, Meta, VdbFile, VdbReadError};
+use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
 use crate::march::{Baked, BakedError, Grid, Meaning, Medium, Optics, Procedural};
 use crate::scene::{self, Scene};
 use crate::volume::{Sampled, Tree};
@@ -108,7 +108,7 @@ impl<'a> Drawn<'a> {
         };
         let view = match &arguments.scene {
             Some(scene) => scene_view(scene, bounds)?,
-            None => own_view(&grid.info, bounds)?,
+            None => own_view(&file.info().metadata, bounds)?,
         };
         Ok(Drawn { medium: Medium::Baked(baked?), view })
     }
@@ -170,8 +170,8 @@ fn scene_view(path: &Path, of_file: Option<[DVec3; 2]>) -> Result<View, Failure>
 }
 
 /// As the scene says that the file was baked from; with a camera and lights of its own where there is none.
-fn own_view(info: &GridInfo, of_file: Option<[DVec3; 2]>) -> Result<View, Failure> {
-    let text = |name: &str| match info.metadata.get(name) {
+fn own_view(metadata: &Metadata, of_file: Option<[DVec3; 2]>) -> Result<View, Failure> {
+    let text = |name: &str| match metadata.get(name) {
         Some(Meta::String(text)) => Some(text.as_str()),
         _ => None,
     };

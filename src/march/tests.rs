@@ -1,0 +1,340 @@
+//! Pictures with a closed form.
+
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3};
+
+use super::{Baked, Camera, Film, Grid, Lamp, Meaning, Medium, Optics, Picture, Procedural, Quality};
+use crate::field::{Field, Lattice};
+use crate::num::Level;
+use crate::scene::Scene;
+use crate::volume::testing::{tree, unit};
+use crate::volume::{Filter, Sampler, Tree};
+
+/// Metres.
+const CELL: f64 = 0.1;
+
+fn grid() -> Grid {
+    Grid::from_rows(&[[CELL, 0.0, 0.0, 0.3], [0.0, CELL, 0.0, -0.2], [0.0, 0.0, CELL, 0.7]]).expect("regular")
+}
+
+fn medium(tree: &Tree<f32>) -> Medium<'static> {
+    Medium::Baked(Baked::new(tree, grid(), Meaning::Density, 1 << 30).expect("small"))
+}
+
+/// Leaves around the origin.
+fn leaves() -> Vec<[i32; 3]> {
+    (0..64).map(|n| [n / 16 * 8 - 16, n / 4 % 4 * 8 - 16, n % 4 * 8 - 16]).collect()
+}
+
+/// As from [`leaves`], with the density of every voxel.
+fn voxels(density: impl Fn([i32; 3]) -> f64) -> Tree<f32> {
+    tree(0.0, &leaves(), &[], |at| {
+        #[allow(clippy::cast_possible_truncation, reason = "of single precision")]
+        let density = density(at) as f32;
+        density
+    })
+}
+
+fn optics(extinction: f64) -> Optics {
+    Optics {
+        extinction,
+        albedo: DVec3::ZERO,
+        anisotropy: 0.0,
+        emission: DVec3::ZERO,
+        lamps: Vec::new(),
+        ambient: DVec3::ZERO,
+    }
+}
+
+fn looking(eye: DVec3, at: DVec3, half: f64, is_orthographic: bool) -> Camera {
+    let forward = (at - eye).normalize();
+    let right = forward.any_orthonormal_vector();
+    Camera { eye, forward, right, up: right.cross(forward), half: DVec2::splat(half), is_orthographic }
+}
+
+fn take(medium: &Medium<'_>, camera: Camera, optics: &Optics, edge: usize, pitch: f64) -> Film {
+    let quality = Quality { size: [edge; 2], samples: 1, cutoff: 1e-12, shadow_pitch: pitch };
+    let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
+    picture.sample(|_| {});
+    picture.film().clone()
+}
+
+/// The optical depth of voxels from a place on, by many samples.
+fn naive(tree: &Tree<f32>, origin: DVec3, direction: DVec3, length: f64, extinction: f64) -> f64 {
+    let grid = grid();
+    let mut sampler = Sampler::new(tree, Filter::Trilinear);
+    let steps = 40_000;
+    let step = length / f64::from(steps);
+    let sum: f64 = (0..steps)
+        .map(|n| sampler.sample(grid.to_grid(origin + direction * (f64::from(n) + 0.5) * step)))
+        .map(|density| density.max(0.0))
+        .sum();
+    sum * step * extinction
+}
+
+#[test]
+fn optical_depth_of_voxels_is_exact() {
+    let mut state = 3;
+    let mut values = vec![0.0; 32 * 32 * 32];
+    for value in &mut values {
+        *value = (unit(&mut state) - 0.3).max(0.0) * 4.0;
+    }
+    let tree = voxels(|at| {
+        let [x, y, z] = at.map(|c| usize::try_from(c + 16).expect("within"));
+        values[(x * 32 + y) * 32 + z]
+    });
+    let medium = medium(&tree);
+    let centre = grid().to_world(DVec3::ZERO);
+    // From outside, from inside, along axes (also on the planes between cells and bricks), and nearly along them.
+    let eyes = [
+        DVec3::new(6.0, 4.0, 5.0),
+        DVec3::new(0.31, -0.12, 0.05),
+        DVec3::new(0.0, 0.0, 9.0),
+        DVec3::new(1e-9, 7.0, -1e-9),
+        DVec3::new(-5.0, 0.4, 0.0),
+    ];
+    let mut compared = 0;
+    for (number, eye) in eyes.into_iter().enumerate() {
+        for is_orthographic in [false, true] {
+            let camera =
+                looking(centre + eye, centre, if is_orthographic { 1.5 } else { 0.3 }, is_orthographic);
+            let film = take(&medium, camera, &optics(2.0), 9, 2.0);
+            for pixel in (0..81).step_by(if number == 1 { 5 } else { 7 }) {
+                let [x, y] = [pixel % 9, pixel / 9].map(|c| f64::from(u8::try_from(c).expect("small")));
+                let place = DVec2::new(2.0 * (x + 0.5) / 9.0 - 1.0, 1.0 - 2.0 * (y + 0.5) / 9.0);
+                let ray = camera.ray(place);
+                let truth = naive(&tree, ray.origin, ray.direction, 16.0, 2.0);
+                let found = film.depth[pixel];
+                // The midpoint rule's error at 250 samples a cell whose density is a polynomial between kinks, and what
+                // single precision makes of places and sums.
+                assert!(
+                    (found - truth).abs() < 2e-5 * truth.max(1.0),
+                    "{eye}, {pixel}: {found}, not {truth}"
+                );
+                compared += usize::from(truth > 1.0);
+            }
+        }
+    }
+    assert!(compared > 60, "only {compared} rays met something");
+}
+
+#[test]
+fn a_slab_has_its_transmittance_and_from_both_sides() {
+    // 32 voxels of density 1 and nothing beside them: the linear flanks have half a cell's density each.
+    let medium = medium(&voxels(|_| 1.0));
+    let centre = grid().to_world(DVec3::splat(-0.5));
+    let expected = 0.7 * 32.0 * CELL;
+    let mut found = Vec::new();
+    for side in [-4.0, 4.0] {
+        let camera = looking(centre + DVec3::new(side, 0.0, 0.0), centre, 0.5, true);
+        let film = take(&medium, camera, &optics(0.7), 8, 2.0);
+        for pixel in 0..64 {
+            assert!((film.depth[pixel] - expected).abs() < 1e-6 * expected);
+            assert!((film.transmittance[pixel] - libm::exp(-expected)).abs() < 1e-6);
+            // Half of the light is left where the optical depth is ln 2.
+            let half = 4.0 - 16.0 * CELL + std::f64::consts::LN_2 / 0.7;
+            assert!((film.half[pixel] - half).abs() < 2e-5, "{}, not {half}", film.half[pixel]);
+        }
+        found.push(film.depth[0]);
+    }
+    assert!((found[0] - found[1]).abs() < 1e-6 * expected);
+}
+
+#[test]
+fn the_chord_of_a_ball_and_the_depth_of_a_gaussian_are_of_order_two() {
+    // A Gaussian of deviation 4 cells, centred between voxels; its line integral is sqrt(2 pi) s e^(-b^2 / 2 s^2).
+    let centre = DVec3::new(0.3, -0.2, 0.1);
+    let deviation = 3.0;
+    let density = |at: [i32; 3]| {
+        let away = DVec3::from(at.map(f64::from)) - centre;
+        libm::exp(-away.length_squared() / (2.0 * deviation * deviation))
+    };
+    let medium = medium(&voxels(density));
+    let middle = grid().to_world(centre);
+    let camera = looking(middle + DVec3::new(3.0, 5.0, 4.0), middle, 0.6, true);
+    let film = take(&medium, camera, &optics(1.0), 16, 2.0);
+    for pixel in 0..256 {
+        let [x, y] = [pixel % 16, pixel / 16].map(|c| f64::from(u8::try_from(c).expect("small")));
+        let b = DVec2::new(2.0 * (x + 0.5) / 16.0 - 1.0, 2.0 * (y + 0.5) / 16.0 - 1.0) * 0.6 / CELL;
+        let truth = CELL
+            * deviation
+            * (2.0 * PI).sqrt()
+            * libm::exp(-b.length_squared() / (2.0 * deviation * deviation));
+        // Linear filtering adds h^2 / 12 to the variance along each axis, between 0 and that in the mean of the three.
+        let bound = CELL * deviation * (2.0 * PI).sqrt() * 1.1 / (6.0 * deviation * deviation);
+        assert!((film.depth[pixel] - truth).abs() < bound, "{}, not {truth}", film.depth[pixel]);
+    }
+}
+
+#[test]
+fn in_a_furnace_everything_is_one() {
+    let mut state = 9;
+    let tree = voxels(|_| 1.0);
+    let noisy = {
+        let value = unit(&mut state);
+        voxels(move |[x, y, z]| value * f64::from((x * 7 + y * 3 + z).rem_euclid(5)) * 1e3)
+    };
+    for tree in [tree, noisy] {
+        let medium = medium(&tree);
+        let centre = grid().to_world(DVec3::ZERO);
+        let bright = Optics { albedo: DVec3::ONE, ambient: DVec3::ONE, ..optics(3.0) };
+        let camera = looking(centre + DVec3::new(3.0, 2.0, 4.0), centre, 0.4, false);
+        let film = take(&medium, camera, &bright, 32, 2.0);
+        for colour in film.develop(Some(DVec3::ONE)).colour {
+            // To rounding: the part that is lost behind the cutoff is 1e-12.
+            assert!((colour - DVec3::ONE).abs().max_element() < 1e-11, "{colour}");
+        }
+    }
+}
+
+#[test]
+fn light_along_the_view_has_its_closed_forms() {
+    // Whatever the density: where sun and eye look the same way, light has the same way in as out.
+    let tree = voxels(|at| {
+        let away = DVec3::from(at.map(f64::from)).length();
+        0.6 + 0.4 * libm::cos(0.4 * away)
+    });
+    let medium = medium(&tree);
+    let centre = grid().to_world(DVec3::ZERO);
+    let forward = DVec3::new(-0.3, 0.8, -0.52).normalize();
+    let camera = looking(centre - forward * 4.0, centre, 1.2, true);
+    for (anisotropy, extinction) in [(0.0, 0.5), (0.6, 3.0)] {
+        for towards in [false, true] {
+            let direction = if towards { -forward } else { forward };
+            let sun = Lamp::Sun { direction, irradiance: DVec3::new(2.0, 1.0, 0.5) };
+            let lit =
+                Optics { albedo: DVec3::splat(0.8), anisotropy, lamps: vec![sun], ..optics(extinction) };
+            let film = take(&medium, camera, &lit, 24, 1.0);
+            let cos: f64 = if towards { 1.0 } else { -1.0 };
+            let narrow = 1.0 + anisotropy * anisotropy - 2.0 * anisotropy * cos;
+            let phase = (1.0 - anisotropy * anisotropy) / (4.0 * PI * narrow * narrow.sqrt());
+            for pixel in 0..24 * 24 {
+                let depth = film.depth[pixel];
+                let gathered =
+                    if towards { depth * libm::exp(-depth) } else { -libm::expm1(-2.0 * depth) / 2.0 };
+                let truth = 0.8 * phase * 2.0 * gathered;
+                let found = film.radiance[pixel][0];
+                // What shadows that are kept every second cell miss, of a density that changes within some.
+                assert!((found - truth).abs() < 0.02 * 0.8 * phase, "{pixel}: {found}, not {truth}");
+                assert!((film.radiance[pixel][2] * 4.0 - found).abs() < 1e-12);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_point_lights_as_its_distance_says() {
+    // Thin enough that nothing is in the shadow: L = albedo p I integral of x d / r^2.
+    let medium = medium(&voxels(|_| 1.0));
+    let centre = grid().to_world(DVec3::splat(-0.5));
+    let camera = looking(centre - DVec3::X * 4.0, centre, 0.3, true);
+    let lamp = centre + DVec3::new(0.4, 0.2, 5.0);
+    let point = Lamp::Point { position: lamp, intensity: DVec3::ONE };
+    let lit = Optics { albedo: DVec3::ONE, lamps: vec![point], ..optics(1e-4) };
+    let film = take(&medium, camera, &lit, 5, 2.0);
+    for pixel in 0..25 {
+        let [x, y] = [pixel % 5, pixel / 5].map(|c| f64::from(u8::try_from(c).expect("small")));
+        let ray = camera.ray(DVec2::new(2.0 * (x + 0.5) / 5.0 - 1.0, 1.0 - 2.0 * (y + 0.5) / 5.0));
+        let steps = 2000;
+        let step = 32.0 * CELL / f64::from(steps);
+        let sum: f64 = (0..steps)
+            .map(|n| ray.at(4.0 - 16.0 * CELL + (f64::from(n) + 0.5) * step))
+            .map(|place| step / place.distance_squared(lamp))
+            .sum();
+        let truth = 1e-4 * sum / (4.0 * PI);
+        // The shadow, of 1e-4 an optical metre, and the linear flanks.
+        assert!((film.radiance[pixel][0] - truth).abs() < 2e-3 * truth);
+    }
+}
+
+#[test]
+fn two_slabs_cover_each_other_in_order() {
+    // A bright one of the near half and a dark one of the far half: emission is per metre, so both have a source of
+    // their own only through the sun; here the near one is lit, the far one in its shadow.
+    let near = voxels(|[x, _, _]| if x < 0 { 3.0 } else { 0.2 });
+    let far = voxels(|[x, _, _]| if x >= 0 { 3.0 } else { 0.2 });
+    let centre = grid().to_world(DVec3::splat(-0.5));
+    let sun = Lamp::Sun { direction: DVec3::X, irradiance: DVec3::ONE };
+    let lit = Optics { albedo: DVec3::ONE, lamps: vec![sun], ..optics(1.0) };
+    let camera = looking(centre - DVec3::X * 4.0, centre, 0.5, true);
+    let [first, second] = [near, far].map(|tree| take(&medium(&tree), camera, &lit, 4, 2.0).half[0]);
+    // Half of the light is lost in the near slab: after ln 2 / 3 m; or the thin one takes 0.32 first.
+    let thick = 4.0 - 16.0 * CELL;
+    assert!((first - (thick + std::f64::consts::LN_2 / 3.0)).abs() < 2e-2, "{first}");
+    let behind = 4.0 + (std::f64::consts::LN_2 - 0.2 * 16.0 * CELL) / 3.0;
+    assert!((second - behind).abs() < 2e-2 + CELL, "{second}, not {behind}");
+}
+
+const TUBE: &str = "
+[bake]
+voxel_size = 0.05
+antialias = 'off'
+octave_fade = false
+[[tube]]
+curve = { points = [[-2, 0, 0], [0, 0, 0], [2, 0, 0]] }
+radius = 1.0
+caps = 'flat'
+envelope = { radial = 'smooth' }
+";
+
+#[test]
+fn a_scenes_optical_depth_is_of_order_four_in_the_step() {
+    let scene = Scene::parse(TUBE, "tube").expect("valid");
+    let field = Field::compile(&scene);
+    let camera = looking(DVec3::new(0.1, -4.0, 1.0), DVec3::new(0.1, 0.0, 0.1), 0.2, false);
+    // Across a straight tube at the distance b from its axis: the integral of (1 - (b^2 + s^2))^2.
+    let truth = |ray: super::Ray| {
+        let across = DVec3::new(0.0, ray.direction.y, ray.direction.z);
+        let from = DVec3::new(0.0, ray.origin.y, ray.origin.z);
+        let nearest = -from.dot(across) / across.length_squared();
+        let b = (from + across * nearest).length_squared();
+        let room = (1.0 - b).max(0.0);
+        // With c^2 = room: the integral of (c^2 - s^2)^2 from -c to c is 16 c^5 / 15.
+        16.0 / 15.0 * room * room * room.sqrt() / across.length()
+    };
+    let mut errors = Vec::new();
+    for step in [4.0, 2.0, 1.0] {
+        let lattice = Lattice { voxel_size: 0.05 };
+        let medium = Medium::Procedural(Procedural::new(&field, lattice, step, 1 << 30).expect("small"));
+        let film = take(&medium, camera, &optics(1.0), 16, 2.0);
+        let mut squares = 0.0;
+        for pixel in 0..256 {
+            let [x, y] = [pixel % 16, pixel / 16].map(|c| f64::from(u8::try_from(c).expect("small")));
+            let place = DVec2::new(2.0 * (x + 0.5) / 16.0 - 1.0, 1.0 - 2.0 * (y + 0.5) / 16.0);
+            let error = film.depth[pixel] - truth(camera.ray(place));
+            squares += error * error / 256.0;
+        }
+        errors.push(squares.sqrt());
+    }
+    // Inside the tube the density is a polynomial of degree 4; where a segment leaves it, the second derivative jumps,
+    // which leaves an error of order 3 there. Single precision ends it at some 1e-7.
+    assert!(errors[0] < 1e-3 && errors[1] < errors[0] / 5.0 && errors[2] < 2e-5, "{errors:?}");
+}
+
+#[test]
+fn a_dense_scene_ends_and_is_as_bright_as_it_should_be() {
+    // The light of a sun that shines along the view is scattered back whatever the density: albedo p E / 2. The shadow is
+    // kept every second voxel, so it is right where the medium is not too dense for that.
+    let scene = Scene::parse(TUBE, "tube").expect("valid");
+    let field = Field::compile(&scene);
+    let lattice = Lattice { voxel_size: 0.05 };
+    let medium = Medium::Procedural(Procedural::new(&field, lattice, 1.0, 1 << 30).expect("small"));
+    let camera = looking(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, 0.1, true);
+    for extinction in [1.0, 10.0, 1e6, 1e12, 1e30] {
+        let furnace = Optics { albedo: DVec3::ONE, ambient: DVec3::ONE, ..optics(extinction) };
+        let film = take(&medium, camera, &furnace, 4, 2.0);
+        for colour in film.develop(Some(DVec3::ONE)).colour {
+            assert!((colour - DVec3::ONE).abs().max_element() < 1e-11, "{colour}");
+        }
+        let sun = Lamp::Sun { direction: DVec3::Y, irradiance: DVec3::ONE };
+        let lit = Optics { albedo: DVec3::ONE, lamps: vec![sun], ..optics(extinction) };
+        let film = take(&medium, camera, &lit, 4, 1.0);
+        for pixel in 0..16 {
+            let truth = -libm::expm1(-2.0 * film.depth[pixel]) / (8.0 * PI);
+            let found = film.radiance[pixel][0];
+            assert!(found.is_finite() && found >= 0.0);
+            assert!(extinction > 10.0 || (found - truth).abs() < 0.02 * truth, "{found}, not {truth}");
+        }
+    }
+}
