@@ -95,8 +95,9 @@ impl Estimate {
         let (sample, sink, tally, phases, clock) = loop {
             let begun = Instant::now();
             let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
-            let mut sink =
-                Trial { encoder: job.encoder, topology: Topology::default(), found: Tried::default() };
+            let mut topology = Topology::default();
+            topology.reserve(sample.bricks());
+            let mut sink = Trial { encoder: job.encoder, topology, found: Tried::default() };
             let (tally, phases) =
                 volume::bake(&job.field, &sample, cutoff, Level::best(), &mut sink, |_| {})?;
             let long = started.elapsed().as_secs_f64() > patience;
