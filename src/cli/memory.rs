@@ -5,7 +5,7 @@ use std::str::FromStr;
 use bytesize::ByteSize;
 
 use super::machine;
-use crate::formats::vdb::{Encoder, GridBound, VdbGridBuilder};
+use crate::formats::vdb::{Compression, Encoder, GridBound, VdbGridBuilder};
 use crate::volume::{IN_FLIGHT, Plan};
 
 /// Bytes that the process takes without a scene: 5 MB were measured, and 0.6 MB more for one brick of each scene of the
@@ -13,6 +13,8 @@ use crate::volume::{IN_FLIGHT, Plan};
 const PROCESS: u64 = 7 << 20;
 /// Bytes for each thread: a run of bricks, working memory of the evaluation, and of the encoder.
 const THREAD: u64 = 384 << 10;
+/// Bytes besides for each thread that makes zlib streams.
+const ZLIB: u64 = 256 << 10;
 /// Bytes of the program itself that a bake comes to use.
 const WORKING: u64 = 768 << 10;
 /// Bytes for putting the file together: an upper node, what encodes it, and what is read of a spool at once.
@@ -89,6 +91,8 @@ pub(super) struct Need {
     /// Upper bound for all but the plan, encoded leaves and topology, and for bricks in flight, a part of it.
     process: u64,
     in_flight: u64,
+    /// About what all threads take.
+    threads: u64,
     /// Bricks, and how many of them are in flight at most.
     bricks: u64,
     in_flight_bricks: u64,
@@ -106,11 +110,13 @@ impl Need {
         let in_flight = bricks.min((IN_FLIGHT * rayon::current_num_threads()) as u64);
         // Lists of bytes grow by doubling.
         let held = 2 * (GridBound::leaf::<f32>(encoder) + PLACE);
+        let thread = THREAD + if encoder.compression() == Compression::Zip { ZLIB } else { 0 };
         Need {
             making: plan.making() as u64,
             plan: plan.memory() as u64,
             process: process + held * in_flight,
             in_flight: held * in_flight,
+            threads: thread * rayon::current_num_threads() as u64,
             bricks,
             in_flight_bricks: in_flight,
             topology: VdbGridBuilder::<f32>::topology_bytes(bricks, bound.nodes),
@@ -158,12 +164,11 @@ impl Need {
     /// About what is taken of a budget for so many leaves of so many bytes, if the process takes `resident` without them.
     pub(super) fn about(&self, budget: u64, leaves: u64, encoded: u64, resident: u64) -> u64 {
         let topology = VdbGridBuilder::<f32>::topology_bytes(leaves, self.nodes);
-        let threads = rayon::current_num_threads() as u64 * THREAD;
         // A quarter of those that may be in flight is, as large as bricks are on average.
         let in_flight =
             self.in_flight.min(2 * self.in_flight_bricks * (encoded / self.bricks.max(1) + PLACE)) / 4;
         let values = encoded - self.spooled(budget, encoded);
-        let baking = WORKING + threads + in_flight + self.plan + topology + values;
+        let baking = WORKING + self.threads + in_flight + self.plan + topology + values;
         (resident + baking.max(self.making)).min(self.most(budget))
     }
 }

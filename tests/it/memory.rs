@@ -142,10 +142,10 @@ fn a_plan_foretells_small_bakes_to_the_byte() {
         {
             let (plan, bake) = (with("plan", options), with("bake", options));
             let estimated = &plan["estimated"];
-            let close = |key: &str, found: &Value, part: u64| {
+            let close = |key: &str, found: &Value, part: u64, least: u64| {
                 let [foretold, found] = [&estimated[key], found].map(number);
                 assert!(
-                    foretold.abs_diff(found) <= found / 100 * part,
+                    foretold.abs_diff(found) <= (found / 100 * part).max(least),
                     "{name} {options:?}: {key} {foretold}, and {found} in fact"
                 );
             };
@@ -154,9 +154,10 @@ fn a_plan_foretells_small_bakes_to_the_byte() {
                 assert_eq!(estimated["bytes"], bake["bytes"], "{name} {options:?}");
                 assert_eq!(estimated["active_voxels"], bake["active_voxels"], "{name}");
             }
-            close("bytes", &bake["bytes"], 5);
+            close("bytes", &bake["bytes"], 5, 0);
             if cfg!(target_os = "linux") {
-                close("memory_bytes", &bake["peak_rss_bytes"], 10);
+                // How much is in flight at once is up to how the system runs the threads: some hundred kB either way.
+                close("memory_bytes", &bake["peak_rss_bytes"], 10, 1 << 20);
             }
         }
     }
