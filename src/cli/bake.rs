@@ -333,15 +333,17 @@ fn empty_grid(job: &Job, plan: &Plan, planning: f64, output: &Output) -> Result<
     let empty = job.empty_file()?;
     disk::check(job, &Planned { plan, bound: &bound, need: &need, empty, seconds: planning }, output)?;
     let grid = VdbGridBuilder::with_encoder(job.encoder).with_room(plan.bricks());
-    if need.spool(job.free()) == 0 {
-        return Ok(grid);
+    // What one frame gives back should be of use to the next.
+    let ahead = if job.settings.frame.is_some() { need.leaves() } else { 0 };
+    if need.spool(job.budget()) == 0 {
+        return Ok(grid.with_bytes(ahead));
     }
     let failed = |error| {
         let folder = output.folder().display();
         Failure::failed(format!("cannot make a temporary file in {folder}")).because(io::Error::from(error))
     };
     let spool = output.spool().map_err(|error| failed(error.kind()))?;
-    Ok(grid.with_spool(need.room(job.free()), spool))
+    Ok(grid.with_spool(need.room(job.budget()), spool).with_bytes(ahead))
 }
 
 /// Evaluates and encodes all bricks.

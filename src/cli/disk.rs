@@ -19,13 +19,15 @@ pub(super) fn check(job: &Job, planned: &Planned<'_>, output: &Output) -> Result
     if most <= free {
         return Ok(());
     }
-    let estimate = Estimate::new(job, planned, PATIENCE, None);
+    let estimate = Estimate::new(job, planned, PATIENCE, None)?;
     let (file, spool) = (estimate.bytes, estimate.spooled_bytes);
     if file + spool <= free {
         return Ok(());
     }
     let room = format!("{} free in {}", text::bytes(free), output.folder().display());
-    Err(if spool == 0 {
+    let smaller = "write to another disk with -o, or choose a larger --voxel-size or --precision f16";
+    // No memory makes room for the file itself.
+    Err(if file > free {
         Failure::failed(format!("too little room on the disk: the file takes about {}, and {room}", text::bytes(file)))
     } else {
         Failure::failed(format!(
@@ -35,7 +37,7 @@ pub(super) fn check(job: &Job, planned: &Planned<'_>, output: &Output) -> Result
         ))
         .hint("allow more with --memory, so that less of it goes to the disk")
     }
-    .hint("write to another disk with -o, or choose a larger --voxel-size or --precision f16"))
+    .hint(smaller))
 }
 
 /// Why a file could not be written, and what to do.

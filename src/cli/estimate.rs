@@ -1,6 +1,5 @@
 //! What a bake will take, from a sample of its bricks.
 
-use std::convert::Infallible;
 use std::path::Path;
 use std::time::Instant;
 
@@ -8,10 +7,10 @@ use cpu_time::ThreadTime;
 use serde::Serialize;
 
 use super::job::Job;
-use super::machine;
 use super::memory::Need;
 use super::recipe::compression_name;
-use crate::formats::vdb::{Compression, EncodedBricks, Encoder, GridBound};
+use super::{Failure, machine};
+use crate::formats::vdb::{Compression, EncodedBricks, Encoder, GridBound, Topology, VdbWriteError};
 use crate::num::Level;
 use crate::volume::{self, Brick, Encode, Plan, Precision, Sink};
 
@@ -70,7 +69,25 @@ pub(super) struct Planned<'a> {
 impl Estimate {
     /// Bakes some of the bricks on the current `rayon` pool and scales up what they took. After so many seconds of
     /// `patience` no larger sample is begun. `folder` is where the file will be, if its disk is to be timed.
-    pub(super) fn new(job: &Job, planned: &Planned<'_>, patience: f64, folder: Option<&Path>) -> Estimate {
+    ///
+    /// # Errors
+    /// As of a bake.
+    pub(super) fn new(
+        job: &Job,
+        planned: &Planned<'_>,
+        patience: f64,
+        folder: Option<&Path>,
+    ) -> Result<Estimate, Failure> {
+        Estimate::of_samples(job, planned, patience, folder)
+            .map_err(|error| Failure::failed("cannot foretell what the bake takes").because(error))
+    }
+
+    fn of_samples(
+        job: &Job,
+        planned: &Planned<'_>,
+        patience: f64,
+        folder: Option<&Path>,
+    ) -> Result<Estimate, VdbWriteError> {
         let Planned { plan, need, .. } = *planned;
         let cutoff = job.scene.bake().cutoff;
         let started = Instant::now();
@@ -78,15 +95,18 @@ impl Estimate {
         let (sample, sink, tally, phases, clock) = loop {
             let begun = Instant::now();
             let sample = plan.sample(sizes.next().unwrap_or(usize::MAX));
-            let mut sink = Trial { encoder: job.encoder, found: Tried::default() };
-            let (tally, phases) = volume::bake(&job.field, &sample, cutoff, Level::best(), &mut sink, |_| {})
-                .unwrap_or_else(|never| match never {});
+            let mut topology = Topology::default();
+            topology.reserve(sample.bricks());
+            let mut sink = Trial { encoder: job.encoder, topology, found: Tried::default() };
+            let (tally, phases) =
+                volume::bake(&job.field, &sample, cutoff, Level::best(), &mut sink, |_| {})?;
             let long = started.elapsed().as_secs_f64() > patience;
             if long || sizes.len() == 0 || sample.bricks() == plan.bricks() {
                 break (sample, sink, tally, phases, begun.elapsed().as_secs_f64());
             }
         };
-        let Tried { leaves, bytes, ways, bricks, .. } = sink.found;
+        let Trial { topology, found: Tried { bytes, ways, bricks, .. }, .. } = sink;
+        let nodes = Nodes::new(planned, &job.bound(&sample), &sample, &topology);
         let whole = |part: u64| {
             let part = u128::from(part) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
             u64::try_from(part).unwrap_or(u64::MAX)
@@ -97,7 +117,7 @@ impl Estimate {
             tally.bricks as f64 / bricks.max(1) as f64,
             rayon::current_num_threads() as f64,
         ];
-        let (leaves, encoded) = (whole(leaves), whole(bytes));
+        let (leaves, encoded) = (whole(topology.stats().leaves), whole(bytes));
         let chosen = ways[place(job.encoder.compression())];
         let trials: f64 = ways.iter().map(|way| way.seconds).sum();
         let cpu = factor * (phases.evaluate + phases.encode - trials + phases.append);
@@ -112,21 +132,22 @@ impl Estimate {
                     reason = "an estimate; exact for the compression that was chosen"
                 )]
                 let encoded = if share == 1.0 { encoded } else { (share * encoded as f64) as u64 };
-                Way {
+                let encoder = Encoder::new(compression).with_precision(job.encoder.precision());
+                Ok(Way {
                     compression: compression_name(compression),
-                    bytes: planned.file(compression, leaves, encoded),
+                    bytes: planned.empty + nodes.bytes(encoder)? + 64 * leaves + encoded,
                     cpu_seconds: planned.seconds + cpu + factor * tried * (way.seconds - chosen.seconds),
                     encode_cpu_seconds: factor * tried * way.seconds,
-                }
+                })
             })
-            .collect();
-        let bytes = planned.file(job.encoder.compression(), leaves, encoded);
+            .collect::<Result<_, VdbWriteError>>()?;
+        let bytes = planned.empty + nodes.bytes(job.encoder)? + 64 * leaves + encoded;
         let spooled_bytes = need.spooled(job.budget(), encoded);
         // By the clock, for each second of a processor: other programs want processors, too.
         let used = phases.evaluate + phases.encode + phases.append;
         let share = if sample.bricks() < ENOUGH { 1.0 / threads } else { (clock / used).max(1.0 / threads) };
         let [waiting, copying] = on_disk(bytes, spooled_bytes, folder);
-        Estimate {
+        Ok(Estimate {
             sampled_bricks: sample.bricks() as u64,
             active_voxels: whole(tally.active_voxels),
             bytes,
@@ -136,17 +157,33 @@ impl Estimate {
             cpu_seconds: planned.seconds + cpu + copying[0] + copying[1],
             advice: advice(&compressions, compression_name(job.encoder.compression())),
             compressions,
-        }
+        })
     }
 }
 
-impl Planned<'_> {
-    /// Bytes of a file with so many leaves of so many bytes together.
-    fn file(&self, compression: Compression, leaves: u64, encoded: u64) -> u64 {
-        let above = self.bound.masks - 64 * self.plan.bricks() as u64;
-        // The values of nodes above leaves take their full size only where nothing is compressed.
-        let entries = if compression == Compression::None { self.bound.entries } else { 0 };
-        self.empty + above + entries + 64 * leaves + encoded
+/// Nodes above leaves, from those of a sample.
+struct Nodes<'a> {
+    /// What the sample holds.
+    found: &'a Topology,
+    /// Bytes at most of those of which nothing was sampled: masks, and values.
+    unseen: [u64; 2],
+}
+
+impl<'a> Nodes<'a> {
+    fn new(planned: &Planned<'_>, seen: &GridBound, sample: &Plan, found: &'a Topology) -> Nodes<'a> {
+        let masks = |bound: &GridBound, bricks: usize| bound.masks - 64 * bricks as u64;
+        let all = planned.bound;
+        let masks = masks(all, planned.plan.bricks()) - masks(seen, sample.bricks());
+        Nodes { found, unseen: [masks, all.entries - seen.entries] }
+    }
+
+    /// What they take in a file. A node is left out where all that was sampled of it is empty.
+    fn bytes(&self, encoder: Encoder) -> Result<u64, VdbWriteError> {
+        let none = Topology::<f32>::default().file_bytes(encoder)?;
+        let found = self.found.file_bytes(encoder)? - none - 64 * self.found.stats().leaves;
+        let [masks, values] = self.unseen;
+        // Values take their full size only where nothing is compressed.
+        Ok(found + masks + if encoder.compression() == Compression::None { values } else { 0 })
     }
 }
 
@@ -190,20 +227,22 @@ fn place(compression: Compression) -> usize {
 /// A sink that only measures.
 struct Trial {
     encoder: Encoder,
+    topology: Topology,
     found: Tried,
 }
 
 /// What was measured.
 #[derive(Default)]
 struct Tried {
-    leaves: u64,
     /// Of encoded leaves.
     bytes: u64,
     /// Bricks that were encoded in all ways.
     bricks: u64,
     ways: [Cost; 3],
     count: usize,
+    /// What a bake would hold of a run.
     encoded: EncodedBricks,
+    trial: EncodedBricks,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -225,37 +264,33 @@ impl Encode for Trying {
     }
 
     fn encode(&self, brick: &Brick, run: &mut Tried) {
-        let mut encode = |encoder| {
-            run.encoded.clear();
-            run.encoded.push(encoder, brick.origin, &brick.mask, &brick.values);
-            (run.encoded.leaves() as u64, run.encoded.encoded_bytes() as u64)
-        };
-        let (leaves, bytes) = encode(self.0);
+        run.encoded.push(self.0, brick.origin, &brick.mask, &brick.values);
         if run.count.is_multiple_of(TRIED) {
             run.bricks += 1;
             for (compression, cost) in WAYS.into_iter().zip(&mut run.ways) {
+                let encoder = Encoder::new(compression).with_precision(self.0.precision());
                 let started = ThreadTime::now();
-                cost.bytes += encode(Encoder::new(compression).with_precision(self.0.precision())).1;
+                run.trial.clear();
+                run.trial.push(encoder, brick.origin, &brick.mask, &brick.values);
+                cost.bytes += run.trial.encoded_bytes() as u64;
                 cost.seconds += started.elapsed().as_secs_f64();
             }
         }
         run.count += 1;
-        run.leaves += leaves;
-        run.bytes += bytes;
     }
 }
 
 impl Sink for Trial {
     type Encoder = Trying;
-    type Error = Infallible;
+    type Error = VdbWriteError;
 
     fn encoder(&self) -> Trying {
         Trying(self.encoder)
     }
 
-    fn append(&mut self, run: Tried) -> Result<(), Infallible> {
-        self.found.leaves += run.leaves;
-        self.found.bytes += run.bytes;
+    fn append(&mut self, run: Tried) -> Result<(), VdbWriteError> {
+        run.encoded.add_to(&mut self.topology)?;
+        self.found.bytes += run.encoded.encoded_bytes() as u64;
         self.found.bricks += run.bricks;
         for (sum, cost) in self.found.ways.iter_mut().zip(run.ways) {
             sum.bytes += cost.bytes;

@@ -202,8 +202,6 @@ pub(super) struct Job {
     budget: Amount,
     /// Bytes that the process took at most until the scene was compiled.
     resident: u64,
-    /// Bytes that the process has kept from earlier frames.
-    kept: u64,
 }
 
 impl Job {
@@ -235,8 +233,7 @@ impl Job {
         let budget = options.scene.budget();
         // What earlier frames took is given back, and must not count for this one.
         let resident = *source.resident.get_or_init(memory::resident);
-        let kept = memory::kept(resident);
-        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident, kept })
+        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -271,11 +268,6 @@ impl Job {
     /// Bytes to work in.
     pub(super) fn budget(&self) -> u64 {
         self.budget.bytes()
-    }
-
-    /// Bytes of them that nothing has taken: what earlier frames left may be of no use to this one.
-    pub(super) fn free(&self) -> u64 {
-        self.budget().saturating_sub(self.kept)
     }
 
     /// The part of the memory that does not depend on the plan.

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use bytesize::ByteSize;
 
 use super::machine;
-use crate::formats::vdb::{Encoder, GridBound, VdbGridBuilder};
+use crate::formats::vdb::{Compression, Encoder, GridBound, VdbGridBuilder};
 use crate::volume::{IN_FLIGHT, Plan};
 
 /// Bytes that the process takes without a scene: 5 MB were measured, and 0.6 MB more for one brick of each scene of the
@@ -13,8 +13,10 @@ use crate::volume::{IN_FLIGHT, Plan};
 const PROCESS: u64 = 7 << 20;
 /// Bytes for each thread: a run of bricks, working memory of the evaluation, and of the encoder.
 const THREAD: u64 = 384 << 10;
+/// Bytes besides for each thread that makes zlib streams.
+const ZLIB: u64 = 256 << 10;
 /// Bytes of the program itself that a bake comes to use.
-const WORKING: u64 = 1 << 20;
+const WORKING: u64 = 768 << 10;
 /// Bytes for putting the file together: an upper node, what encodes it, and what is read of a spool at once.
 const WRITING: u64 = 3 << 19;
 /// Times that a bake repeats the scene's text, for the file.
@@ -70,11 +72,6 @@ pub(super) fn resident() -> u64 {
     machine::peak_memory().unwrap_or(0)
 }
 
-/// Bytes that the process has beyond `resident`: what an earlier frame took, was freed, and the allocator kept.
-pub(super) fn kept(resident: u64) -> u64 {
-    machine::present_memory().unwrap_or(0).saturating_sub(resident)
-}
-
 /// Upper bound of what the process takes besides bricks, on the current `rayon` pool, when it took `resident` bytes to
 /// compile a scene of `text` bytes.
 pub(super) fn process(resident: u64, text: usize) -> u64 {
@@ -94,6 +91,11 @@ pub(super) struct Need {
     /// Upper bound for all but the plan, encoded leaves and topology, and for bricks in flight, a part of it.
     process: u64,
     in_flight: u64,
+    /// About what all threads take.
+    threads: u64,
+    /// Bricks, and how many of them are in flight at most.
+    bricks: u64,
+    in_flight_bricks: u64,
     /// Upper bound for topology: leaves, and nodes above them.
     topology: u64,
     nodes: u64,
@@ -108,11 +110,15 @@ impl Need {
         let in_flight = bricks.min((IN_FLIGHT * rayon::current_num_threads()) as u64);
         // Lists of bytes grow by doubling.
         let held = 2 * (GridBound::leaf::<f32>(encoder) + PLACE);
+        let thread = THREAD + if encoder.compression() == Compression::Zip { ZLIB } else { 0 };
         Need {
             making: plan.making() as u64,
             plan: plan.memory() as u64,
             process: process + held * in_flight,
             in_flight: held * in_flight,
+            threads: thread * rayon::current_num_threads() as u64,
+            bricks,
+            in_flight_bricks: in_flight,
             topology: VdbGridBuilder::<f32>::topology_bytes(bricks, bound.nodes),
             nodes: bound.nodes,
             leaves: bound.buffers,
@@ -135,6 +141,11 @@ impl Need {
         self.least().max(self.fixed() + self.leaves.min(self.room(budget)))
     }
 
+    /// Upper bound of encoded leaves.
+    pub(super) fn leaves(&self) -> u64 {
+        self.leaves
+    }
+
     /// What a budget leaves for encoded leaves.
     pub(super) fn room(&self, budget: u64) -> u64 {
         budget.saturating_sub(self.fixed())
@@ -153,11 +164,12 @@ impl Need {
     /// About what is taken of a budget for so many leaves of so many bytes, if the process takes `resident` without them.
     pub(super) fn about(&self, budget: u64, leaves: u64, encoded: u64, resident: u64) -> u64 {
         let topology = VdbGridBuilder::<f32>::topology_bytes(leaves, self.nodes);
-        let baking = self.plan + topology + encoded - self.spooled(budget, encoded);
-        let threads = rayon::current_num_threads() as u64 * THREAD;
-        // Few of those that may be in flight are, and they are no larger than they must be.
-        let process = resident + WORKING + threads + self.in_flight / 4;
-        (process + baking.max(self.making)).min(self.most(budget))
+        // A quarter of those that may be in flight is, as large as bricks are on average.
+        let in_flight =
+            self.in_flight.min(2 * self.in_flight_bricks * (encoded / self.bricks.max(1) + PLACE)) / 4;
+        let values = encoded - self.spooled(budget, encoded);
+        let baking = WORKING + self.threads + in_flight + self.plan + topology + values;
+        (resident + baking.max(self.making)).min(self.most(budget))
     }
 }
 

@@ -136,7 +136,9 @@ impl Global {
         let _ = writeln!(io::stderr(), "{text}\n");
     }
 
-    /// The threads to work with.
+    /// The threads to work with, of which this is one: what is handed to them is begun here. So all frames of a sequence take
+    /// their large pieces of memory on one thread, and what one of them gives back is of use to the next; allocators keep
+    /// what other threads gave back for these.
     fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
         let threads = match self.threads {
             Some(threads) => threads.get(),
@@ -144,6 +146,7 @@ impl Global {
         };
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
+            .use_current_thread()
             .build()
             .map_err(|error| Failure::failed(format!("cannot start {threads} threads")).because(error))
     }

@@ -162,7 +162,7 @@ fn plan(
         },
         least_memory_bytes: need.least(),
         // The folder where a bake goes that is not told otherwise.
-        estimated: Estimate::new(&job, &planned, patience, Some(Path::new("."))),
+        estimated: Estimate::new(&job, &planned, patience, Some(Path::new(".")))?,
         threads: rayon::current_num_threads(),
         simd: Level::best().name(),
         left_out: job.field.left_out(job.lattice, plan.has_edges()),

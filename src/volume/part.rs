@@ -1,5 +1,7 @@
 //! Parts of trees: which leaves they take, and trees of which only a part is there.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -111,6 +113,20 @@ impl<T: Value> PartialTree<T> {
     /// Number of leaves that there are, read or not.
     pub fn leaf_count(&self) -> usize {
         self.0.leaf_count()
+    }
+
+    /// Number of leaves at each place along an axis, 0, 1 or 2: from voxel 8 p on for place p.
+    pub fn layers(&self, axis: usize) -> BTreeMap<i32, usize> {
+        let mut layers = BTreeMap::new();
+        for leaf in &self.0.leaves {
+            *layers.entry(leaf.origin[axis] >> LOG2_EDGE[0]).or_default() += 1;
+        }
+        layers
+    }
+
+    /// Bytes that the tree takes with the values of so many leaves.
+    pub fn memory_bytes_with(&self, leaves: usize) -> u64 {
+        self.0.memory_bytes_with(leaves)
     }
 
     /// What the whole tree holds: the states of all voxels are known.

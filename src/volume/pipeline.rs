@@ -3,15 +3,17 @@
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard};
 
-/// Items for each thread that are begun before the first of them is taken: bounds what is held. More only serve where
-/// items differ much in their cost.
+/// Items that each thread has begun before the first of them is taken: bounds what is held. More only serve where items
+/// differ much in their cost. It is a bound for each, since memory that one thread took is of use to it alone again, as
+/// allocators have it: without, every thread may come to keep what all of them are allowed.
 pub(super) const AHEAD: usize = 8;
 
 /// Does `work` on the items `0..count`, on all threads of the current `rayon` pool, and hands the results to `take` one
 /// after the other, in order.
 ///
 /// There is neither a barrier nor a thread set apart: who has done the item that is due takes it, and those behind it that
-/// are done, while the others go on. They wait only when they are too far ahead of it. `W` is a thread's own memory.
+/// are done, while the others go on. They wait only when [`AHEAD`] of their own items are not taken yet. `W` is a thread's own
+/// memory.
 ///
 /// # Errors
 ///
@@ -21,16 +23,21 @@ pub(super) fn in_order<W: Default, T: Send, E: Send>(
     work: impl Fn(&mut W, usize) -> T + Sync,
     take: impl FnMut(T) -> Result<(), E> + Send,
 ) -> Result<(), E> {
-    let ahead = AHEAD * rayon::current_num_threads();
-    let state =
-        State { begun: 0, due: 0, done: VecDeque::new(), taking: false, failed: None, stopped: false };
-    let shared =
-        Shared { count, ahead, state: Mutex::new(state), room: Condvar::new(), take: Mutex::new(take) };
-    rayon::broadcast(|_| {
+    let state = State {
+        begun: 0,
+        due: 0,
+        done: VecDeque::new(),
+        held: vec![0; rayon::current_num_threads()],
+        taking: false,
+        failed: None,
+        stopped: false,
+    };
+    let shared = Shared { count, state: Mutex::new(state), room: Condvar::new(), take: Mutex::new(take) };
+    rayon::broadcast(|thread| {
         let _guard = StopOnPanic(&shared);
         let mut memory = W::default();
-        while let Some(index) = shared.begin() {
-            shared.end(index, work(&mut memory, index));
+        while let Some(index) = shared.begin(thread.index()) {
+            shared.end(thread.index(), index, work(&mut memory, index));
         }
     });
     let state = shared.state.into_inner().expect(UNPOISONED);
@@ -39,7 +46,6 @@ pub(super) fn in_order<W: Default, T: Send, E: Send>(
 
 struct Shared<T, E, F> {
     count: usize,
-    ahead: usize,
     state: Mutex<State<T, E>>,
     /// Something was taken, so that more may be begun.
     room: Condvar,
@@ -51,8 +57,10 @@ struct State<T, E> {
     begun: usize,
     /// The item that is to be taken next.
     due: usize,
-    /// Results from that item on.
-    done: VecDeque<Option<T>>,
+    /// Results from that item on, each with the number of its thread.
+    done: VecDeque<Option<(usize, T)>>,
+    /// Items of each thread that are begun and not yet taken.
+    held: Vec<usize>,
     /// Some thread is taking.
     taking: bool,
     failed: Option<E>,
@@ -62,39 +70,41 @@ struct State<T, E> {
 const UNPOISONED: &str = "nothing panics while it holds the lock";
 
 impl<T, E, F: FnMut(T) -> Result<(), E>> Shared<T, E, F> {
-    /// The next item, once it is not too far ahead; `None` at the end.
-    fn begin(&self) -> Option<usize> {
+    /// The next item for a thread, once it does not hold too many; `None` at the end.
+    fn begin(&self, thread: usize) -> Option<usize> {
         let mut state = self.lock();
-        // Whoever works on the item that is due does not wait, so this ends.
-        while !state.stopped && state.begun < self.count && state.begun >= state.due + self.ahead {
+        // Whoever works on the item that is due, or takes it, does not wait, so this ends.
+        while !state.stopped && state.begun < self.count && state.held[thread] >= AHEAD {
             state = self.room.wait(state).expect(UNPOISONED);
         }
         let more = !state.stopped && state.begun < self.count;
         more.then(|| {
+            state.held[thread] += 1;
             state.begun += 1;
             state.begun - 1
         })
     }
 
     /// Adds a result. If it is due, it is taken, and what is done behind it.
-    fn end(&self, index: usize, result: T) {
+    fn end(&self, thread: usize, index: usize, result: T) {
         let mut state = self.lock();
         let place = index - state.due;
         if state.done.len() <= place {
             state.done.resize_with(place + 1, || None);
         }
-        state.done[place] = Some(result);
+        state.done[place] = Some((thread, result));
         if state.taking {
             // Who takes looks again before it stops.
             return;
         }
         state.taking = true;
         while !state.stopped && state.done.front().is_some_and(Option::is_some) {
-            let Some(Some(result)) = state.done.pop_front() else { break };
+            let Some(Some((thread, result))) = state.done.pop_front() else { break };
             state.due += 1;
             drop(state);
             let taken = (self.take.lock().expect("who panics while taking stops all"))(result);
             state = self.lock();
+            state.held[thread] -= 1;
             if let Err(error) = taken {
                 state.failed = Some(error);
                 state.stopped = true;
@@ -138,18 +148,21 @@ mod tests {
     #[test]
     fn results_come_in_order_and_none_is_begun_far_ahead() {
         for threads in [1, 2, 7] {
-            let (begun, mut taken) = (AtomicUsize::new(0), vec![]);
+            let begun: Vec<AtomicUsize> = (0..threads).map(|_| AtomicUsize::new(0)).collect();
+            let (mut taken, mut taken_of) = (vec![], vec![0; threads]);
             let work = |memory: &mut usize, index: usize| {
-                begun.fetch_add(1, Ordering::SeqCst);
+                let thread = rayon::current_thread_index().expect("in a pool");
+                begun[thread].fetch_add(1, Ordering::SeqCst);
                 *memory += 1;
                 // Some items take much longer than others.
                 if index.is_multiple_of(13) {
                     std::thread::sleep(Duration::from_millis(2));
                 }
-                index * index
+                (thread, index * index)
             };
-            let take = |result| {
-                assert!(begun.load(Ordering::SeqCst) <= taken.len() + 1 + AHEAD * threads);
+            let take = |(thread, result): (usize, usize)| {
+                assert!(begun[thread].load(Ordering::SeqCst) <= taken_of[thread] + AHEAD);
+                taken_of[thread] += 1;
                 taken.push(result);
                 Ok::<(), ()>(())
             };

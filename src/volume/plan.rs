@@ -246,12 +246,16 @@ impl Plan {
     /// places in these parts that are spread evenly, too, and keep no step with rows of bricks.
     pub fn sample(&self, count: usize) -> Plan {
         let count = count.min(self.bricks());
+        let mut next = 0;
         self.part((0..count).map(|number| {
             // Multiples of the golden ratio, modulo 1.
             let place = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
             let at = ((number as u128) << 32 | u128::from(place)) * self.bricks() as u128
                 / ((count as u128) << 32);
-            usize::try_from(at).expect("less than the number of bricks")
+            // Two parts may share a brick, which counts once. A part is no shorter than a brick, so there is one left.
+            let at = usize::try_from(at).expect("less than the number of bricks").max(next);
+            next = at + 1;
+            at
         }))
     }
 
@@ -433,4 +437,26 @@ fn block_of(mut key: u64, root: [i64; 3]) -> [i32; 3] {
         }
     }
     block.map(|b| b as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Scene;
+
+    #[test]
+    fn samples_hold_no_brick_twice() {
+        let text = "[[tube]]\nradius = 0.3\ncurve = { points = [[0, 0, 0], [0.4, 0, 1], [0, 0, 2]] }";
+        let scene = Scene::parse(text, "").expect("valid");
+        let plan = Plan::new(&Field::compile(&scene), Lattice { voxel_size: 0.02 }, 1 << 30).expect("small");
+        for count in
+            [1, 2, plan.bricks() / 2, plan.bricks() * 5 / 7, plan.bricks() - 1, plan.bricks(), 1 << 20]
+        {
+            let sample = plan.sample(count);
+            let keys: Vec<u64> =
+                (0..sample.bricks()).map(|i| file_order(sample.block(i), plan.root)).collect();
+            assert!(keys.is_sorted_by(|a, b| a < b), "{count}");
+            assert_eq!(keys.len(), count.min(plan.bricks()));
+        }
+    }
 }

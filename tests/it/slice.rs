@@ -107,6 +107,44 @@ fn slices_of_scenes_and_of_their_files_are_the_voxels_of_the_bake() {
     }
 }
 
+/// The cap is found as a user would: by what is said of those that are too small.
+#[test]
+fn slices_stay_below_the_cap() {
+    let folder = tempdir().expect("a folder");
+    let scene = tornado();
+    let options = ["--resolution", "500"];
+    let baked = folder.path().join("baked.vdb");
+    let output =
+        vdbake().arg("bake").arg(&scene).args(options).arg("-o").arg(&baked).output().expect("it starts");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let images = folder.path().join("s.####.exr");
+    for (input, options) in [(&scene, &options[..]), (&baked, &[])] {
+        for axis in ["x", "z"] {
+            let common = ["--axis", axis, "--planes", "90-130", "--threads", "2", "-o", text(&images)];
+            let (mut cap, mut told) = ("1MiB".to_owned(), 0);
+            let report = loop {
+                match slice(&[&[text(input), "--memory", &cap], &common[..], options].concat()) {
+                    Ok(report) => break report,
+                    Err(message) => {
+                        let (_, named) = message.rsplit_once("--memory").expect("a hint");
+                        let named = named.split_whitespace().next().unwrap_or_default();
+                        // A plan that has no room does not say how much it takes.
+                        let doubled = cap.trim_end_matches("MiB").parse::<u64>().expect("MiB") * 2;
+                        cap = if named.is_empty() { format!("{doubled}MiB") } else { named.to_owned() };
+                    }
+                }
+                told += 1;
+                assert!(told < 10, "{cap}");
+            };
+            let cap: u64 = cap.trim_end_matches("MiB").parse().expect("MiB");
+            let peak = report["peak_rss_bytes"].as_u64().unwrap_or(0);
+            assert!(peak <= cap << 20, "{}: {peak} bytes of {cap} MiB", input.display());
+            // Values of a layer, not of all, beside the program and what is read of a file at once.
+            assert!(cap < 48, "{cap} MiB");
+        }
+    }
+}
+
 #[test]
 fn every_layout_holds_the_same_pixels() {
     let folder = tempdir().expect("a folder");

@@ -13,12 +13,12 @@ use super::frames::Frames;
 use super::interrupt::Interrupt;
 use super::job::SceneOptions;
 use super::progress::Progress;
-use super::{Failure, Global, info, text};
+use super::{Failure, Global, info, machine, text};
 use crate::volume::Slicing;
 use source::{AxisName, Plane, Sliced, too_much};
 use target::Target;
 
-/// Bytes that the program takes without pixels: 12 MB were measured.
+/// Bytes that the program takes without values and pixels: 12 MB were measured.
 const PROCESS: u64 = 16 << 20;
 
 /// Nobody means to write more slices than this.
@@ -85,6 +85,7 @@ struct Report {
     /// Largest and smallest value of numbers.
     range: Option<[f32; 2]>,
     outputs: Vec<String>,
+    peak_rss_bytes: Option<u64>,
 }
 
 /// Slices.
@@ -128,9 +129,11 @@ fn slice(
 ) -> Result<Report, Failure> {
     let slicing = sliced.slicing;
     let wanted = wanted(arguments, &slicing, sliced)?;
-    let held = target.holds(&slicing, wanted.len(), sliced);
-    let need = held.saturating_add(PROCESS);
-    if need > arguments.scene.budget().bytes() {
+    let budget = arguments.scene.budget().bytes();
+    let pixels = target.holds(&slicing, wanted.len(), sliced).saturating_add(PROCESS);
+    let values = sliced.settle(&wanted, budget.saturating_sub(pixels), &arguments.file)?;
+    let need = pixels.saturating_add(values);
+    if need > budget {
         return Err(too_much(need));
     }
     let mut progress = Progress::new(1, quiet);
@@ -170,6 +173,7 @@ fn slice(
         columns: target.columns(),
         range,
         outputs: target.written(),
+        peak_rss_bytes: machine::peak_memory(),
     })
 }
 

@@ -1,12 +1,13 @@
 //! Where slices come from: a scene, baked layer by layer of bricks, or a file's grid.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::Arguments;
+use super::{Arguments, PROCESS};
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source};
 use crate::cli::memory::enough;
@@ -14,7 +15,12 @@ use crate::cli::{Failure, text};
 use crate::field::Field;
 use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
-use crate::volume::{self, Axis, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store};
+use crate::volume::{
+    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store, Value,
+};
+
+/// Bytes for reading leaves: what is read of a file at once, in a list that grows by doubling.
+const READING: u64 = 8 << 20;
 
 /// The values of a plane, in rows from the top.
 pub(super) enum Plane {
@@ -37,12 +43,48 @@ pub(super) struct Sliced {
     /// Seconds after the start frame, of scenes.
     pub(super) time: Option<f64>,
     values: Values,
+    cost: Cost,
 }
 
 enum Values {
     Scene { field: Box<Field>, plan: Box<Plan>, cutoff: f64 },
     Whole(AnyPartialTree),
     File { file: Box<VdbFile<File>>, number: usize },
+}
+
+/// Bytes that values take of the memory before they are pixels.
+struct Cost {
+    /// Without any values: a plan, or the nodes of a tree.
+    bare: u64,
+    /// All values at once, where they can be held so.
+    whole: Option<u64>,
+    /// The values of each layer of leaves that has any, by its place along the axis.
+    layers: BTreeMap<i32, u64>,
+    /// What it takes to make or to read values.
+    working: u64,
+    /// A pixel while its plane is made: a value as it is stored, and the numbers that it becomes.
+    pixel: u64,
+}
+
+impl Cost {
+    /// Of planes that are made layer by layer.
+    fn by_layers(&self, slicing: &Slicing, planes: &[usize]) -> u64 {
+        let place = |plane: &usize| slicing.index(*plane).div_euclid(8);
+        let layer =
+            planes.iter().filter_map(|plane| self.layers.get(&place(plane))).max().copied().unwrap_or(0);
+        self.bare.saturating_add(layer).saturating_add(self.working).saturating_add(self.planes(slicing))
+    }
+
+    /// Of all values at once.
+    fn whole(&self, slicing: &Slicing) -> Option<u64> {
+        Some(self.whole?.saturating_add(self.working).saturating_add(self.planes(slicing)))
+    }
+
+    /// Of the planes of one layer.
+    fn planes(&self, slicing: &Slicing) -> u64 {
+        let [width, height] = slicing.pixels().map(|edge| edge as u64);
+        (8 * self.pixel).saturating_mul(width).saturating_mul(height)
+    }
 }
 
 impl Sliced {
@@ -52,7 +94,23 @@ impl Sliced {
         let Compiled { scene, field, lattice, time, .. } =
             Source::read(&arguments.file, options)?.compile(options.time())?;
         let h = lattice.voxel_size;
-        let plan = Plan::new(&field, lattice, options.budget().bytes()).map_err(unplanned)?;
+        let budget = options.budget().bytes().saturating_sub(PROCESS);
+        let plan = Plan::new(&field, lattice, budget).map_err(unplanned)?;
+        let axis = Axis::from(arguments.axis).number();
+        let mut layers = BTreeMap::new();
+        for origin in plan.origins() {
+            // Lists of bricks grow by doubling.
+            *layers.entry(origin[axis].div_euclid(8)).or_default() += 2 * size_of::<Brick>() as u64;
+        }
+        let in_flight = plan.bricks().min(IN_FLIGHT * rayon::current_num_threads());
+        let cost = Cost {
+            // A layer has a plan of its own.
+            bare: 2 * plan.memory() as u64,
+            whole: None,
+            layers,
+            working: 2 * (in_flight * size_of::<Brick>()) as u64,
+            pixel: size_of::<f32>() as u64,
+        };
         #[allow(clippy::cast_possible_truncation, reason = "the plan has checked that indices fit")]
         let bounds = field.bounds().map(|[lo, hi]| {
             let (first, last) = ((lo / h).floor(), (hi / h).ceil() - 1.0);
@@ -71,6 +129,7 @@ impl Sliced {
                 plan: Box::new(plan),
                 cutoff: scene.bake().cutoff,
             },
+            cost,
         })
     }
 
@@ -80,18 +139,12 @@ impl Sliced {
         let failed = |error: VdbReadError| unread(path, error);
         let file = File::open(path)
             .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;
-        let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
+        let mut file = VdbFile::open_within(file, budget.saturating_sub(PROCESS)).map_err(failed)?;
         let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
         // Its nodes alone, to know its box.
         let PartialGrid { info, tree } = file.grid_part_at(number, &Part::around([])).map_err(failed)?;
         let (stats, is_vector) = (stats(&tree), is_vector(&tree));
-        let values = if stats.memory_bytes < budget / 2 {
-            drop(tree);
-            let whole: AnyTree = file.grid_at(number).map_err(failed)?.tree;
-            Values::Whole(whole.into())
-        } else {
-            Values::File { file: Box::new(file), number }
-        };
+        let cost = cost(&tree, Axis::from(arguments.axis).number());
         Ok(Sliced {
             slicing: slicing(arguments, stats.bounds),
             is_empty: stats.bounds.is_none(),
@@ -100,8 +153,23 @@ impl Sliced {
             half: info.half,
             is_vector,
             time: None,
-            values,
+            values: Values::File { file: Box::new(file), number },
+            cost,
         })
+    }
+
+    /// Settles how values of these planes are held within a budget: all of them where there is room, else layer by layer. Gives
+    /// the bytes that they take at most, which may be more than the budget.
+    pub(super) fn settle(&mut self, planes: &[usize], budget: u64, path: &Path) -> Result<u64, Failure> {
+        if let (Values::File { file, number }, Some(whole)) =
+            (&mut self.values, self.cost.whole(&self.slicing))
+            && whole <= budget
+        {
+            let tree: AnyTree = file.grid_at(*number).map_err(|error| unread(path, error))?.tree;
+            self.values = Values::Whole(tree.into());
+            return Ok(whole);
+        }
+        Ok(self.cost.by_layers(&self.slicing, planes))
     }
 
     /// Planes of one layer of leaves.
@@ -136,7 +204,13 @@ fn slicing(arguments: &Arguments, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
 }
 
 fn unread(path: &Path, error: VdbReadError) -> Failure {
-    Failure::input(format!("cannot read {}", path.display())).because(error)
+    let failure = Failure::input(format!("cannot read {}", path.display()));
+    match error {
+        VdbReadError::Memory { needed, .. } => failure
+            .because(error)
+            .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(PROCESS)))),
+        error => failure.because(error),
+    }
 }
 
 fn unplanned(error: PlanError) -> Failure {
@@ -157,6 +231,24 @@ macro_rules! any {
             AnyPartialTree::Vec3d($tree) => $vectors,
         }
     };
+}
+
+/// Of a tree whose nodes alone are known, sliced across an axis.
+fn cost(tree: &AnyPartialTree, axis: usize) -> Cost {
+    any!(tree, tree => cost_of(tree, axis, 1), cost_of(tree, axis, 3))
+}
+
+fn cost_of<T: Value>(tree: &PartialTree<T>, axis: usize, numbers: usize) -> Cost {
+    let leaf = size_of::<[T; 512]>() as u64;
+    // The list of leaves grows by doubling.
+    let list = (tree.leaf_count() * size_of::<Leaf>()) as u64;
+    Cost {
+        bare: tree.memory_bytes_with(0) + list,
+        whole: Some(tree.memory_bytes_with(tree.leaf_count()) + list),
+        layers: tree.layers(axis).into_iter().map(|(place, count)| (place, count as u64 * leaf)).collect(),
+        working: READING,
+        pixel: (size_of::<T>() + numbers * size_of::<f32>()) as u64,
+    }
 }
 
 fn stats(tree: &AnyPartialTree) -> volume::Stats {

@@ -50,6 +50,17 @@ impl<T: Voxel> EncodedBricks<T> {
         self.bytes.len()
     }
 
+    /// Adds the bricks to a topology, behind all added so far.
+    ///
+    /// # Errors
+    /// As of [`Topology::push_leaf`].
+    pub fn add_to(&self, topology: &mut Topology<T>) -> Result<(), VdbWriteError> {
+        self.bricks.iter().try_for_each(|brick| match brick {
+            Brick::Leaf(leaf) => topology.push_leaf(*leaf),
+            Brick::Tile(tile) => topology.push_tile(*tile),
+        })
+    }
+
     /// Forgets all bricks and keeps the memory.
     pub fn clear(&mut self) {
         self.bricks.clear();
@@ -121,6 +132,14 @@ impl<T: Voxel> VdbGridBuilder<T> {
         self
     }
 
+    /// Makes room for so many bytes of encoded leaves, but for those that go to the spool. Bricks may then be appended on any
+    /// thread, and memory is still that of the one that calls this, which matters to allocators that keep it apart by thread.
+    #[must_use]
+    pub fn with_bytes(mut self, bytes: u64) -> Self {
+        self.buffers.reserve(bytes);
+        self
+    }
+
     /// Bytes that the topology of a grid takes at most that has room for just these leaves, and nodes above them.
     pub const fn topology_bytes(leaves: u64, nodes: u64) -> u64 {
         Topology::<T>::bytes(leaves, nodes)
@@ -143,12 +162,7 @@ impl<T: Voxel> VdbGridBuilder<T> {
             Encoding::One(encoder) if encoder == self.encoder => {}
             _ => return Err(VdbWriteError::Encoder),
         }
-        for brick in &run.bricks {
-            match brick {
-                Brick::Leaf(leaf) => self.topology.push_leaf(*leaf)?,
-                Brick::Tile(tile) => self.topology.push_tile(*tile)?,
-            }
-        }
+        run.add_to(&mut self.topology)?;
         self.buffers.push(&run.bytes)
     }
 

@@ -140,15 +140,14 @@ impl<W: Write> FileWriter<W> {
 
         let nodes = topology.nodes();
         let head = grid_head::<T>(header, encoder, &nodes.stats())?;
-        let mut measured = Counted { inner: io::sink(), bytes: 0 };
-        nodes.write(encoder, &mut measured)?;
+        let above = nodes.file_bytes(encoder)?;
 
         let mut descriptor = vec![];
         put_str(&mut descriptor, name)?;
         put_str(&mut descriptor, &type_name::<T>(encoder))?;
         put_str(&mut descriptor, "")?;
         let mut position = self.out.bytes + descriptor.len() as u64 + 3 * 8;
-        for length in [0, head.len() as u64 + measured.bytes, buffer_bytes] {
+        for length in [0, head.len() as u64 + above, buffer_bytes] {
             position = position.checked_add(length).ok_or(VdbWriteError::TooLarge("the file"))?;
             let offset = i64::try_from(position).map_err(|_| VdbWriteError::TooLarge("the file"))?;
             descriptor.extend(offset.to_le_bytes());
@@ -182,9 +181,9 @@ impl<W: Write> FileWriter<W> {
 }
 
 /// Counts what passes through.
-struct Counted<W> {
-    inner: W,
-    bytes: u64,
+pub(super) struct Counted<W> {
+    pub(super) inner: W,
+    pub(super) bytes: u64,
 }
 
 impl<W: Write> Write for Counted<W> {

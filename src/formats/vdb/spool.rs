@@ -45,6 +45,8 @@ impl Spool for File {
 #[derive(Default)]
 pub(super) struct Buffers {
     pieces: Vec<Vec<u8>>,
+    /// Those to come, as far as there is room for them already.
+    spare: Vec<Vec<u8>>,
     spool: Option<Spooled>,
 }
 
@@ -61,7 +63,15 @@ impl Buffers {
     /// At most `memory` bytes stay in memory, rounded down to whole pieces; but one piece does in any case.
     pub(super) fn with_spool(memory: u64, spool: Box<dyn Spool>) -> Buffers {
         let pieces = usize::try_from(memory / PIECE as u64).unwrap_or(usize::MAX).max(1);
-        Buffers { pieces: vec![], spool: Some(Spooled { spool, pieces, bytes: 0, sum: Hasher::new() }) }
+        let spool = Some(Spooled { spool, pieces, bytes: 0, sum: Hasher::new() });
+        Buffers { spool, ..Buffers::default() }
+    }
+
+    /// Makes room for so many bytes, as far as they stay in memory.
+    pub(super) fn reserve(&mut self, bytes: u64) {
+        let pieces = usize::try_from(bytes.div_ceil(PIECE as u64)).unwrap_or(usize::MAX);
+        let pieces = self.spool.as_ref().map_or(pieces, |spooled| pieces.min(spooled.pieces));
+        self.spare.resize_with(pieces.saturating_sub(self.pieces.len()), || Vec::with_capacity(PIECE));
     }
 
     pub(super) fn push(&mut self, mut bytes: &[u8]) -> Result<(), VdbWriteError> {
@@ -88,7 +98,7 @@ impl Buffers {
                 spooled.sum.update(last);
                 last.clear();
             }
-            _ => self.pieces.push(Vec::with_capacity(PIECE)),
+            _ => self.pieces.push(self.spare.pop().unwrap_or_else(|| Vec::with_capacity(PIECE))),
         }
         Ok(())
     }

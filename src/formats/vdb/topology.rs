@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::ops::Range;
 
 use super::codec::Encoder;
-use super::file::VdbWriteError;
+use super::file::{Counted, VdbWriteError};
 use super::voxel::Voxel;
 use crate::volume::shape::{LOG2_EDGE, active_box, align, grow, last_voxel};
 use crate::volume::{Leaf, Stats, Tile};
@@ -113,6 +113,14 @@ impl<T: Voxel> Topology<T> {
         self.nodes().stats()
     }
 
+    /// Bytes that leaves' masks, tiles and the nodes above them take in a file, where values are stored as this encoder does.
+    ///
+    /// # Errors
+    /// [`VdbWriteError::TooLarge`] as when a file is written.
+    pub fn file_bytes(&self, encoder: Encoder) -> Result<u64, VdbWriteError> {
+        self.nodes().file_bytes(encoder)
+    }
+
     /// Groups leaves and tiles into nodes.
     pub(super) fn nodes(&self) -> Nodes<'_, T> {
         let mut nodes = Nodes { leaves: &self.leaves, tiles: &self.tiles, lowers: vec![], uppers: vec![] };
@@ -210,6 +218,13 @@ impl<T: Voxel> Nodes<'_, T> {
         }
         stats.bounds = (bounds[0][0] <= bounds[1][0]).then_some(bounds);
         stats
+    }
+
+    /// Bytes of the topology stream.
+    pub(super) fn file_bytes(&self, encoder: Encoder) -> Result<u64, VdbWriteError> {
+        let mut measured = Counted { inner: io::sink(), bytes: 0 };
+        self.write(encoder, &mut measured)?;
+        Ok(measured.bytes)
     }
 
     /// Writes the topology stream: what comes between a grid's transform and its leaf buffers.
