@@ -82,25 +82,18 @@ impl Baked {
         }
         let blocks = candidates(tree, meaning, budget)?;
         check(blocks.len() as u64, budget)?;
-        let made: Vec<Option<Box<[f32; ALL]>>> = blocks
+        let mut kept = Vec::new();
+        blocks
             .par_iter()
             .with_min_len(64)
             .map_init(|| Accessor::new(tree), |accessor, block| values(accessor, *block, meaning))
-            .collect();
-        let mut bricks = Vec::with_capacity(blocks.len());
-        let mut kept = Vec::with_capacity(blocks.len());
-        for (block, values) in blocks.into_iter().zip(made) {
-            if let Some(values) = values {
-                bricks.push(block);
-                kept.push(*values);
-            }
-        }
-        Ok(Baked { grid, bricks: Bricks::new(bricks), values: kept })
+            .collect_into_vec(&mut kept);
+        Ok(Baked { grid, bricks: Bricks::new(blocks), values: kept })
     }
 }
 
 fn check(bricks: u64, budget: u64) -> Result<(), BakedError> {
-    let bytes = bricks.saturating_mul(2 * (size_of::<[f32; ALL]>() as u64 + 64));
+    let bytes = bricks.saturating_mul(size_of::<[f32; ALL]>() as u64 + 128);
     if bytes > budget { Err(BakedError::TooLarge { bricks, bytes }) } else { Ok(()) }
 }
 
@@ -158,22 +151,19 @@ fn candidates<T: Sampled<Wide = f64>>(
     Ok(blocks)
 }
 
-/// The densities at the corners of a block's cells; `None` where all are 0.
+/// The densities at the corners of a block's cells.
 fn values<T: Sampled<Wide = f64>>(
     accessor: &mut Accessor<'_, T>,
     block: [i32; 3],
     meaning: Meaning,
-) -> Option<Box<[f32; ALL]>> {
-    let mut values = Box::new([0.0; ALL]);
+) -> [f32; ALL] {
+    let mut values = [0.0; ALL];
     let first = block.map(|c| i64::from(c) * i64::from(EDGE));
     let own = accessor.stencil::<8>(first);
-    let mut any = false;
     for (x, plane) in own.iter().enumerate() {
         for (y, row) in plane.iter().enumerate() {
             for (z, value) in row.iter().enumerate() {
-                let density = meaning.density(value.wide());
-                any |= density > 0.0;
-                values[(x * VALUES + y) * VALUES + z] = density;
+                values[(x * VALUES + y) * VALUES + z] = meaning.density(value.wide());
             }
         }
     }
@@ -187,13 +177,11 @@ fn values<T: Sampled<Wide = f64>>(
                     (Some(x), Some(y), Some(z)) => accessor.value([x, y, z]),
                     _ => background,
                 };
-                let density = meaning.density(value.wide());
-                any |= density > 0.0;
-                values[(x * VALUES + y) * VALUES + z] = density;
+                values[(x * VALUES + y) * VALUES + z] = meaning.density(value.wide());
             }
         }
     }
-    any.then_some(values)
+    values
 }
 
 impl Baked {

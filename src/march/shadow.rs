@@ -19,6 +19,8 @@ use crate::num::Level;
 
 /// Rays along an edge of a map at most.
 const MOST_RAYS: f64 = 4096.0;
+/// Depths that a map keeps, about, at most.
+const MOST_DEPTHS: f64 = 6e7;
 /// Pieces of a ray at most.
 const MOST_PIECES: f64 = 8192.0;
 /// Beyond this nothing is lit.
@@ -54,6 +56,10 @@ pub(super) struct Shadows {
 impl Shadows {
     /// Along rays that are `pitch` cells apart.
     pub(super) fn new(medium: &Medium<'_>, optics: &Optics, pitch: f64, level: Level) -> Shadows {
+        // Rays pass all cells, and what is between them and some beside them counts too.
+        #[allow(clippy::cast_precision_loss, reason = "a bound")]
+        let depths = 1.5 * 512.0 * medium.brick_count() as f64 / (pitch * pitch * pitch);
+        let pitch = pitch * libm::cbrt((depths / MOST_DEPTHS).max(1.0));
         let lamps = optics
             .lamps
             .iter()

@@ -25,6 +25,7 @@ mod memory;
 mod noise;
 mod oracle;
 mod reader;
+mod render;
 mod rows;
 mod same_bytes;
 mod sample;
