@@ -10,9 +10,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use fearless_simd::{
-    Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, mask32x16, u32x16,
-};
+use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdFloat, SimdMask, f32x16, i32x16, mask32x16, u32x16};
 
 /// The product's arithmetic: sixteen `f32` lanes at the instruction set of `S`.
 pub type F32x16<S> = f32x16<S>;
@@ -129,9 +127,6 @@ pub trait Real:
     fn sqrt(self) -> Self;
     /// Magnitude.
     fn abs(self) -> Self;
-    /// Logarithm to base 2 of positive normal numbers, absolute error below 1e-6 (`f32`) or correctly rounded within
-    /// one unit (`f64`); finite garbage at 0.
-    fn log2(self) -> Self;
 
     /// Sine and cosine of so many turns: absolute error below 3e-7 (`f32`) plus 2 pi times the
     /// rounding of the turns, or of the `libm` crate (`f64`).
@@ -231,20 +226,6 @@ impl<S: Simd> Real for f32x16<S> {
     #[inline(always)]
     fn abs(self) -> Self {
         <Self as SimdBase<S>>::abs(self)
-    }
-    #[inline(always)]
-    fn log2(self) -> Self {
-        // x = 2^e m with m in [sqrt(1/2), sqrt(2)), log2 m = (2 / ln 2) artanh((m - 1) / (m + 1)), five terms: the
-        // sixth is below 1e-9.
-        let bits: u32x16<S> = self.to_bits();
-        let shifted = bits - 0x3f35_04f3;
-        let exponent: i32x16<S> = shifted.bitcast::<i32x16<S>>() >> 23;
-        let mantissa: Self = ((shifted & 0x007f_ffff) + 0x3f35_04f3).bitcast();
-        let t = (mantissa - 1.0) / (mantissa + 1.0);
-        let t2 = t * t;
-        let series =
-            ((((t2 * (1.0 / 9.0) + (1.0 / 7.0)) * t2 + (1.0 / 5.0)) * t2 + (1.0 / 3.0)) * t2 + 1.0) * t;
-        exponent.to_float::<Self>() + series * (2.0 * std::f32::consts::LOG2_E)
     }
     #[inline(always)]
     fn sin_cos_turns(self, token: S) -> (Self, Self) {
@@ -398,10 +379,6 @@ impl Real for f64 {
         f64::abs(self)
     }
     #[inline(always)]
-    fn log2(self) -> f64 {
-        libm::log2(self)
-    }
-    #[inline(always)]
     fn sin_cos_turns(self, (): ()) -> (f64, f64) {
         libm::sincos(std::f64::consts::TAU * (self - f64::floor(self)))
     }
@@ -483,36 +460,6 @@ impl Real for f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    struct Logarithm<'a>(&'a [f32; 16]);
-
-    impl WithLevel for Logarithm<'_> {
-        type Output = [f32; 16];
-        #[inline(always)]
-        fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> [f32; 16] {
-            let mut out = [0.0; 16];
-            R::load(token, self.0).log2().store(&mut out);
-            out
-        }
-    }
-
-    #[test]
-    fn lane_logarithms_keep_their_bound() {
-        let mut x = 1e-30_f32;
-        while x < 1e30 {
-            let mut lanes = [0.0; 16];
-            for lane in &mut lanes {
-                *lane = x;
-                x *= 1.0137;
-            }
-            for (&x, found) in lanes.iter().zip(with_level(Level::best(), Logarithm(&lanes))) {
-                let truth = libm::log2(f64::from(x));
-                // The bound, and the rounding of a result of this size.
-                let bound = 1e-6 + truth.abs() * f64::from(f32::EPSILON) / 2.0;
-                assert!((f64::from(found) - truth).abs() < bound, "log2 {x}: {found}, not {truth}");
-            }
-        }
-    }
 
     struct Turns<'a> {
         of: &'a [f32; 16],
