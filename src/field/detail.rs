@@ -21,8 +21,8 @@ const SPREAD: f64 = 0.13;
 /// voxels would be left out, and asking costs a hundredth of an octave.
 const LIKELY: f64 = 1.4;
 
-/// Margin, in log2 of cells per voxel, by which the kernel's rounding cannot change a weight that is exactly 0 or 1.
-const SURE: f64 = 1e-4;
+/// Relative margin of squared cells per voxel by which the kernel's rounding cannot change a weight that is 0 or 1.
+const SURE: f64 = 2e-4;
 
 /// A piece of a tube's axis in a block.
 #[derive(Debug, Clone, Copy)]
@@ -69,21 +69,21 @@ impl Place {
         let h = self.block.h;
         let rates = Rates::new(tube, sum, h);
         let band = match (self.octave_fade, space) {
-            (false, _) => [f64::NEG_INFINITY; 2],
+            (false, _) => [0.0; 2],
             (true, Space::Cylinder) => rates.band(tube, self.s, h),
-            (true, Space::World) => [log2_world_rate(sum, h); 2],
+            (true, Space::World) => [square_in_world(sum, h); 2],
         };
         let start = region.octaves.len();
         let mut mean = sum.mean;
         let mut fades = false;
         for octave in &sum.octaves {
-            let finer = f64::from(octave.index) * sum.log2_lacunarity;
             let octave_mean = sum.form.mean() * octave.amplitude;
-            if band[0] + finer > BAND[1] + SURE || !is_placed(octave, tube, space, h) {
+            let finer = octave.finer;
+            if band[0] * finer > BAND[1] * (1.0 + SURE) || !is_placed(octave, tube, space, h) {
                 mean += octave_mean;
                 continue;
             }
-            let is_faded = band[1] + finer > BAND[0] - SURE;
+            let is_faded = band[1] * finer > BAND[0] * (1.0 - SURE);
             let (mut steps, mut at, mut amplitude, mut fade) =
                 (octave.steps, octave.origin, octave.amplitude, None);
             match space {
@@ -95,7 +95,7 @@ impl Place {
                 }
                 Space::World => {
                     // The rate is the same everywhere, so the fade is but a smaller amplitude.
-                    let weight = band_weight((), band[0] + finer);
+                    let weight = band_weight((), band[0] * finer, 1.0);
                     amplitude *= weight;
                     mean += octave_mean * (1.0 - weight);
                     for axis in 0..3 {
@@ -113,7 +113,7 @@ impl Place {
         Sum {
             octaves: [start, region.octaves.len()],
             fades,
-            rates: round([rates.across * rates.across, rates.along, rates.twist]),
+            rates: round([rates.across, rates.along, rates.twist].map(|rate| rate * rate)),
             mean: T::from_f64(mean),
             displaces: None,
             displaced: [false; 3],
@@ -124,20 +124,26 @@ impl Place {
 /// Finds below which values a sum that is compared with a threshold need not be carried on.
 pub(super) fn give_up<T: Scalar>(threshold: f64, sum: &Sum<T>, octaves: &mut [region::Octave<T>]) {
     let octaves = &mut octaves[sum.octaves[0]..sum.octaves[1]];
-    let ranges = || octaves.iter().map(|octave| octave.octave.range());
-    let size: f64 =
-        ranges().map(|[low, high]| low.abs().max(high.abs())).sum::<f64>() + sum.mean.to_f64().abs();
-    // The middle of what is summed so far, and its standard deviation squared.
-    let mut middle = sum.mean.to_f64() + ranges().map(|[low, high]| 0.5 * (low + high)).sum::<f64>();
-    let mut variance: f64 = ranges().map(|[low, high]| SPREAD * (high - low) * SPREAD * (high - low)).sum();
-    let mut stop = threshold - ROUNDING * (size + threshold.abs());
-    for k in (1..octaves.len()).rev() {
-        let [low, high] = octaves[k].octave.range();
-        middle -= 0.5 * (low + high);
-        variance -= SPREAD * (high - low) * SPREAD * (high - low);
-        stop -= high;
-        let is_likely = stop > middle || (middle - stop) * (middle - stop) < LIKELY * LIKELY * variance;
-        octaves[k - 1].hopeless = is_likely.then(|| T::from_f64(stop));
+    let mean = sum.mean.to_f64();
+    let (mut size, mut highest) = (mean.abs() + threshold.abs(), 0.0);
+    for octave in &*octaves {
+        let [low, high] = octave.octave.range();
+        size += high.max(-low);
+        highest += high;
+    }
+    let stop = threshold - ROUNDING * size;
+    // Of what is summed so far: the middle, its standard deviation squared, and its greatest value.
+    let (mut middle, mut variance, mut greatest) = (mean, 0.0, 0.0);
+    let last = octaves.len().saturating_sub(1);
+    for octave in &mut octaves[..last] {
+        let [low, high] = octave.octave.range();
+        middle += 0.5 * (low + high);
+        variance += SPREAD * (high - low) * SPREAD * (high - low);
+        greatest += high;
+        let least = stop - (highest - greatest);
+        let below = middle - least;
+        let is_likely = below < 0.0 || below * below < LIKELY * LIKELY * variance;
+        octave.hopeless = is_likely.then(|| T::from_f64(least));
     }
 }
 
@@ -149,9 +155,10 @@ pub(super) fn is_placed(octave: &Octave, tube: &Tube, space: Space, h: f64) -> b
     }
 }
 
-/// log2 of the first octave's cells per voxel of a pattern over the world's coordinates.
-pub(super) fn log2_world_rate(sum: &Fractal, h: f64) -> f64 {
-    libm::log2(sum.frequency.iter().fold(0.0, |most: f64, f| most.max(*f)) * h)
+/// Square of the first octave's cells per voxel of a pattern over the world's coordinates.
+pub(super) fn square_in_world(sum: &Fractal, h: f64) -> f64 {
+    let rate = sum.frequency.iter().fold(0.0, |most: f64, f| most.max(*f)) * h;
+    rate * rate
 }
 
 /// First-octave cells per voxel.
@@ -174,18 +181,17 @@ impl Rates {
         }
     }
 
-    /// Bounds of log2 of cells per voxel over the arc lengths `s`.
+    /// Bounds of the square of cells per voxel over the arc lengths `s`.
     pub(super) fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
         let x = s.map(|s| s / tube.curve.length());
         let [least, most] = tube.radius.range(x);
         let low = (self.across * h / most).max(self.along);
-        let high = larger_singular_value(self.across * h / least, self.twist, self.along);
-        [libm::log2(low), libm::log2(high)]
+        [low * low, larger_square(self.across * h / least, self.twist, self.along)]
     }
 }
 
-/// Of `[a c; 0 b]`.
-fn larger_singular_value(a: f64, c: f64, b: f64) -> f64 {
+/// Of the singular values of `[a c; 0 b]`.
+fn larger_square(a: f64, c: f64, b: f64) -> f64 {
     let sum = a * a + b * b + c * c;
-    (0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())).sqrt()
+    0.5 * (sum + (sum * sum - 4.0 * a * a * b * b).max(0.0).sqrt())
 }

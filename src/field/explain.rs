@@ -1,6 +1,6 @@
 //! What a scene does not need and so is not evaluated, in words.
 
-use super::detail::{Rates, is_placed, log2_world_rate};
+use super::detail::{Rates, is_placed, square_in_world};
 use super::pattern::{Fractal, Octave};
 use super::tube::{LayerKind, Tube};
 use super::{Field, Lattice};
@@ -99,9 +99,9 @@ impl Field {
         }
         let coarsest = match space {
             Space::Cylinder => Rates::new(tube, sum, h).band(tube, [0.0, tube.curve.length()], h)[0],
-            Space::World => log2_world_rate(sum, h),
+            Space::World => square_in_world(sum, h),
         };
-        let is_faded = |octave: &&Octave| coarsest + f64::from(octave.index) * sum.log2_lacunarity >= BAND[1];
+        let is_faded = |octave: &&Octave| coarsest * octave.finer >= BAND[1];
         [unplaced, sum.octaves.iter().filter(is_placed).filter(is_faded).count()]
     }
 }

@@ -170,7 +170,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
         if !holds::<R>(near, index) {
             continue;
         }
-        rows.go::<FOOT, { FOOT + 3 }>(token, index);
+        rows.go::<FOOT, ROWS>(token, index);
         let equation = Equation::new(token, &rows);
         let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
         let mut steps = 1;
@@ -227,7 +227,8 @@ pub(super) fn bracket<R: Real>(
         if R::bitmask(falls) != 0 {
             // The distance is largest there, not least.
             let farthest = zero_between(token, &equation, [hi, lo]);
-            let (u, v) = (across(token, &rows, U, farthest), across(token, &rows, V, farthest));
+            let u = across::<R, TERMS>(token, &rows, U, farthest);
+            let v = across::<R, TERMS>(token, &rows, V, farthest);
             scratch.joint.beyond[index / R::LANES] |= R::bitmask(R::and(falls, (u * u + v * v).le(one)));
         }
         // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
@@ -242,7 +243,8 @@ pub(super) fn bracket<R: Real>(
             lo = R::select(dips, extremum, lo);
             hi = R::select(rises, extremum, hi);
             // A foot and a place where the distance is largest lie side by side.
-            let (u, v) = (across(token, &rows, U, extremum), across(token, &rows, V, extremum));
+            let u = across::<R, TERMS>(token, &rows, U, extremum);
+            let v = across::<R, TERMS>(token, &rows, V, extremum);
             let pairs = R::and(R::or(dips, rises), (u * u + v * v).le(one));
             scratch.joint.beyond[index / R::LANES] |= R::bitmask(pairs);
             let (g_lo, _) = equation.at::<true>(lo);
@@ -288,11 +290,11 @@ fn turning_point<R: Real>(token: R::Token, equation: &Equation<R>, ends: [R; 2],
     (lo + hi) * half
 }
 
-/// `sum_k row[first + k] eta^k`.
+/// `sum_k row[first + k] eta^k`, of `N` terms.
 #[inline(always)]
-pub(super) fn across<R: Real>(token: R::Token, rows: &Rows<R>, first: usize, eta: R) -> R {
-    let mut sum = rows.row(token, first + TERMS - 1);
-    for k in (0..TERMS - 1).rev() {
+pub(super) fn across<R: Real, const N: usize>(token: R::Token, rows: &Rows<R>, first: usize, eta: R) -> R {
+    let mut sum = rows.row(token, first + N - 1);
+    for k in (0..N - 1).rev() {
         sum = sum * eta + rows.row(token, first + k);
     }
     sum

@@ -97,7 +97,10 @@ pub(super) fn larger<R: Real>(
     for index in (0..VOXELS).step_by(R::LANES) {
         let bits = scratch.inside[index / R::LANES];
         if bits != 0 {
-            let density = R::load(token, scratch.weight.part(first)).expand(R::from_bitmask(token, bits));
+            let mut density = R::load(token, scratch.weight.part(first));
+            if bits.count_ones() as usize != R::LANES {
+                density = density.expand(R::from_bitmask(token, bits));
+            }
             let held = R::load(token, &values[index..]);
             density.most(held).store(&mut values[index..]);
             first += bits.count_ones() as usize;

@@ -14,6 +14,7 @@ use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
 use super::near::{self, holds};
 use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
+use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
 
@@ -180,7 +181,11 @@ pub fn evaluate<R: Real>(
                         counts.bisected += searched;
                         bracket::<R>(token, piece, places, rows, scratch);
                     }
-                    coordinates::<R>(token, piece, places, rows, apart, scratch)
+                    if piece.is_cubic {
+                        coordinates::<R, 4>(token, piece, places, rows, apart, scratch)
+                    } else {
+                        coordinates::<R, TERMS>(token, piece, places, rows, apart, scratch)
+                    }
                 }
             };
             if piece.in_world {
@@ -217,8 +222,9 @@ fn lanes_of<R: Real>(rows: u64) -> u64 {
 }
 
 /// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the rows `near` only.
+/// The piece's polynomials have `N` terms.
 #[inline(always)]
-fn coordinates<R: Real>(
+fn coordinates<R: Real, const N: usize>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
@@ -240,9 +246,9 @@ fn coordinates<R: Real>(
         if R::bitmask(in_range) == 0 {
             continue;
         }
-        rows.go::<U, { FOOT + 3 }>(token, index);
-        let u = across(token, &rows, U, eta);
-        let v = across(token, &rows, V, eta);
+        rows.go::<U, ROWS>(token, index);
+        let u = across::<R, N>(token, &rows, U, eta);
+        let v = across::<R, N>(token, &rows, V, eta);
         let q = u * u + v * v;
         let inside = R::and(in_range, q.le(one));
         let bits = R::bitmask(inside);
@@ -250,10 +256,10 @@ fn coordinates<R: Real>(
         if bits == 0 {
             continue;
         }
-        let height = along(token, &piece.height, eta);
+        let height = along::<R, N>(token, &piece.height, eta);
         let mut weight = envelope(token, piece, q, height);
         if let Some(gain) = &piece.gain {
-            weight = weight * along(token, gain, eta);
+            weight = weight * along::<R, N>(token, gain, eta);
         }
         let mut fade = one;
         if let Some(speed) = &piece.speed {
@@ -267,14 +273,15 @@ fn coordinates<R: Real>(
             }
         }
         if piece.fades || apart {
-            along(token, &piece.radius, eta).compress(inside).store(scratch.radius.part_mut(packed));
-            q.compress(inside).store(scratch.q.part_mut(packed));
+            let radius = along::<R, N>(token, &piece.radius, eta);
+            packed_lanes(radius, inside, bits).store(scratch.radius.part_mut(packed));
+            packed_lanes(q, inside, bits).store(scratch.q.part_mut(packed));
         }
         if apart {
-            fade.compress(inside).store(scratch.focal.part_mut(packed));
+            packed_lanes(fade, inside, bits).store(scratch.focal.part_mut(packed));
         }
         let [u, v] = turned(token, piece, [u, v], height);
-        pack(scratch, packed, inside, [u, v, height, weight]);
+        pack(scratch, packed, inside, bits, [u, v, height, weight]);
         packed += bits.count_ones() as usize;
     }
     packed
@@ -324,27 +331,33 @@ fn at_point<R: Real>(
         }
         if piece.fades || apart {
             radius.store(scratch.radius.part_mut(packed));
-            q.compress(inside).store(scratch.q.part_mut(packed));
+            packed_lanes(q, inside, bits).store(scratch.q.part_mut(packed));
         }
         if apart {
             one.store(scratch.focal.part_mut(packed));
         }
-        pack(scratch, packed, inside, [u, v, zero, weight]);
+        pack(scratch, packed, inside, bits, [u, v, zero, weight]);
         packed += bits.count_ones() as usize;
     }
     packed
 }
 
 #[inline(always)]
-fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, lanes: [R; 4]) {
-    lanes[0].compress(inside).store(scratch.u.part_mut(packed));
-    lanes[1].compress(inside).store(scratch.v.part_mut(packed));
-    lanes[2].compress(inside).store(scratch.height.part_mut(packed));
-    lanes[3].compress(inside).store(scratch.weight.part_mut(packed));
+fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, bits: u32, lanes: [R; 4]) {
+    packed_lanes(lanes[0], inside, bits).store(scratch.u.part_mut(packed));
+    packed_lanes(lanes[1], inside, bits).store(scratch.v.part_mut(packed));
+    packed_lanes(lanes[2], inside, bits).store(scratch.height.part_mut(packed));
+    packed_lanes(lanes[3], inside, bits).store(scratch.weight.part_mut(packed));
+}
+
+/// The lanes of a mask, whose bits are also given, moved to the front: in most batches all are there.
+#[inline(always)]
+fn packed_lanes<R: Real>(lanes: R, mask: R::Mask, bits: u32) -> R {
+    if bits.count_ones() as usize == R::LANES { lanes } else { lanes.compress(mask) }
 }
 
 #[inline(always)]
-fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar; N], eta: R) -> R {
+fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar], eta: R) -> R {
     let mut sum = R::splat(token, c[N - 1]);
     for k in (0..N - 1).rev() {
         sum = sum * eta + R::splat(token, c[k]);
@@ -365,7 +378,7 @@ fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], he
 #[inline(always)]
 fn narrowing<R: Real>(token: R::Token, rows: &Rows<R>, speed: &[R::Scalar; 5], eta: R) -> R {
     let (_, slope) = Equation::new(token, rows).at::<true>(eta);
-    slope / along(token, speed, eta)
+    slope / along::<R, 5>(token, speed, eta)
 }
 
 /// `t^2 (3 - 2 t)` with t clamped to [0, 1].

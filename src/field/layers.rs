@@ -3,7 +3,7 @@
 use super::kernel::{Places, Scratch};
 use super::region::{LayerKind, Region, Sum};
 use super::{EDGE, VOXELS};
-use crate::noise::band_weight;
+use crate::noise::{BAND, band_weight};
 use crate::num::{Real, Scalar};
 use crate::scene::Op;
 
@@ -108,16 +108,22 @@ pub(super) fn fractal<R: Real>(
         let at =
             [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
         total = R::splat(token, sum.mean);
-        let mut log2 = total;
+        let (mut r2, mut both) = (total, total);
         if sum.fades {
             let (radius, q) = (R::load(token, radius.part(first)), R::load(token, q.part(first)));
-            log2 = log2_rate(token, &sum.rates, radius, q);
+            r2 = radius * radius;
+            both = squares(token, &sum.rates, r2, q);
         }
         for octave in &region.octaves[sum.octaves[0]..sum.octaves[1]] {
             let mut value = octave.octave.value(token, at);
             if let Some(finer) = octave.fade {
-                let weight = band_weight(token, log2 + R::splat(token, finer));
-                value = octave.octave.faded(token, value, weight);
+                let finer = R::splat(token, finer);
+                // Many a batch has no voxel in the band: the larger square is no more than both.
+                let below = (both * finer).le(r2 * R::constant(token, BAND[0]));
+                if R::bitmask(R::not(below)) != 0 {
+                    let rate = larger_square(token, &sum.rates, r2, both);
+                    value = octave.octave.faded(token, value, band_weight(token, rate * finer, r2));
+                }
             }
             total = total + value;
             if let Some(hopeless) = octave.hopeless
@@ -134,15 +140,16 @@ pub(super) fn fractal<R: Real>(
     total
 }
 
-/// log2 of the first octave's cells per voxel.
+/// Squares of both singular values of the first octave's cells per voxel, added up, times `r2`, the square of the radius.
 #[inline(always)]
-fn log2_rate<R: Real>(token: R::Token, rates: &[R::Scalar; 3], radius: R, q: R) -> R {
-    let a2 = R::splat(token, rates[0]) / (radius * radius);
-    let b = R::splat(token, rates[1]);
-    let twist = R::splat(token, rates[2]);
-    let (b2, c2) = (b * b, twist * twist * q);
-    let sum = a2 + b2 + c2;
-    let root = (sum * sum - R::constant(token, 4.0) * a2 * b2).most(R::constant(token, 0.0)).sqrt();
-    let half = R::constant(token, 0.5);
-    ((sum + root) * half).log2() * half
+fn squares<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, q: R) -> R {
+    R::splat(token, rates[0]) + (R::splat(token, rates[1]) + R::splat(token, rates[2]) * q) * r2
+}
+
+/// The larger of them, likewise times `r2`.
+#[inline(always)]
+fn larger_square<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, both: R) -> R {
+    let product = R::splat(token, rates[0] * rates[1]) * r2;
+    let root = (both * both - R::constant(token, 4.0) * product).most(R::constant(token, 0.0)).sqrt();
+    (both + root) * R::constant(token, 0.5)
 }

@@ -12,10 +12,10 @@ use super::region::{
 };
 use super::span::Span;
 use super::tube::{self, CORNER, PointKind, Tube};
-use super::{Extent, Field, Lattice};
+use super::{EDGE, Extent, Field, Lattice};
 use crate::curve::Segment;
 use crate::num::Scalar;
-use crate::num::poly::{TERMS, evaluate, substitute};
+use crate::num::poly::{TERMS, beyond_cubic, evaluate, substitute, to_cubic};
 use crate::scene::{Caps, Conserve, Overlap};
 
 /// A part of a field that may hold feet of a block's voxels: an index into the cover.
@@ -41,6 +41,10 @@ const STANDING: f64 = 1e-4;
 
 /// A bracket this short, beside the interval that it was sought in, is short enough.
 const ENOUGH: f64 = 0.01;
+
+/// What cubics may change of u and v, in radii and so half of what a span's polynomials do; of the height, in tens of voxels;
+/// of radius and gain, relative to them.
+const CUBIC: f64 = 1.5e-7;
 
 /// Cosine beyond which a corner is a cusp or a fold.
 const STRAIGHT_BACK: f64 = 1.0 - 1e-9;
@@ -266,7 +270,19 @@ impl Field {
         let voxels = dq[0].length().max(speed.iter().sum::<f64>().max(0.0).sqrt()).max(f64::MIN_POSITIVE);
 
         let s = [-1.0, 1.0].map(|eta| span.arc_middle + evaluate(&arc, eta));
-        let radius = substitute(&span.radius, centre, scale).map(|r| r / h);
+        let mut radius = substitute(&span.radius, centre, scale).map(|r| r / h);
+        let mut gain = span.gain.map(|gain| substitute(&gain, centre, scale));
+        let is_near = |c: &[f64; TERMS], size: f64| beyond_cubic(c) <= CUBIC * size;
+        let is_cubic = are_cubic(&base, &slope)
+            && is_near(&height, 10.0 * rate * h)
+            && is_near(&radius, radius[0])
+            && gain.is_none_or(|gain| is_near(&gain, gain[0]));
+        if is_cubic {
+            for rows in [&mut base].into_iter().chain(&mut slope) {
+                rows[U..FOOT].as_chunks_mut().0.iter_mut().for_each(to_cubic);
+            }
+            [&mut height, &mut radius].into_iter().chain(&mut gain).for_each(to_cubic);
+        }
 
         let bounds = Bounds::new(segment_of(tube, segment), interval, block);
         let is_hard = !interval.certified || bounds.focal() < FOCAL;
@@ -302,6 +318,7 @@ impl Field {
             base: round(base),
             slope: slope.map(round),
             foot: round([g[3], g[4], g[5]]),
+            is_cubic,
             range: round(range),
             tolerance: T::from_f64(bounds.settled_step() / voxels),
             height: round(height),
@@ -310,7 +327,7 @@ impl Field {
             speed: (is_hard || is_full).then(|| round(speed)),
             is_faded: is_hard && tube.overlap != Overlap::Closest,
             is_full,
-            gain: span.gain.map(|gain| round(substitute(&gain, centre, scale))),
+            gain: gain.map(round),
             arc: round([0.0, 1.0 / (rate * h)]),
             axial: axial(tube, s, arc_middle),
             radial: tube.radial,
@@ -396,6 +413,7 @@ impl Field {
             base: round(base),
             slope: slope.map(round),
             foot: round([0.0; 3]),
+            is_cubic: true,
             range: round([least, 1.0]),
             tolerance: T::from_f64(1.0),
             height: round([0.0; TERMS]),
@@ -450,6 +468,17 @@ impl Field {
         }
         ([first, region.layers.len()], [fades, in_world])
     }
+}
+
+/// Whether u and v are polynomials of degree 3 all over the block, nearly.
+fn are_cubic(base: &[f64; ROWS], slope: &[[f64; ROWS]; 3]) -> bool {
+    [U, V].into_iter().all(|first| {
+        let most = |k: usize| {
+            let slopes = slope[0][k].abs() + slope[1][k].abs() + slope[2][k].abs();
+            base[k].abs() + 0.5 * EDGE as f64 * slopes
+        };
+        beyond_cubic(&[0.0, 0.0, 0.0, 0.0, most(first + 4), most(first + 5)]) <= CUBIC
+    })
 }
 
 /// Sorts the pieces along the axis, each with its arc length from that of the first; a closed axis is cut opposite to that.

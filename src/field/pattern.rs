@@ -34,7 +34,6 @@ pub(crate) struct Fractal {
     pub(crate) form: Form,
     /// Cells per unit of the coordinates in the first octave, as the scene has them.
     pub(crate) frequency: [f64; 3],
-    pub(crate) log2_lacunarity: f64,
     /// Octaves of the scene that are never evaluated, and what they add.
     pub(crate) skipped: u32,
     pub(crate) mean: f64,
@@ -42,7 +41,8 @@ pub(crate) struct Fractal {
 
 #[derive(Debug, Clone)]
 pub(crate) struct Octave {
-    pub(crate) index: u32,
+    /// Square of its frequency over the first octave's.
+    pub(crate) finer: f64,
     pub(crate) frequency: [f64; 3],
     /// Change of each lattice coordinate per unit of each coordinate.
     pub(crate) steps: [[f64; 3]; 3],
@@ -156,7 +156,6 @@ impl Ground {
             octaves,
             form: sum.form,
             frequency: sum.frequency,
-            log2_lacunarity: libm::log2(sum.lacunarity),
             skipped: u32::try_from(skipped.len()).expect("32 octaves at most"),
             mean,
         }
@@ -182,7 +181,7 @@ impl Ground {
         });
         let turned = rows.map(|row| row[0] * start[0] + row[1] * start[1] + row[2] * start[2]);
         Octave {
-            index,
+            finer: scale * scale,
             frequency,
             steps: rows.map(|row| [0, 1, 2].map(|axis| row[axis] * frequency[axis])),
             origin: [0, 1, 2].map(|axis| turned[axis] + offset[axis]),

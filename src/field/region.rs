@@ -88,6 +88,8 @@ pub(crate) struct Piece<T> {
     pub(crate) base: [T; ROWS],
     pub(crate) slope: [[T; ROWS]; 3],
     pub(crate) foot: [T; 3],
+    /// The polynomials of u, v, height, radius and gain are of degree 3: what is above is too small to matter.
+    pub(crate) is_cubic: bool,
     /// Interval of eta that counts.
     pub(crate) range: [T; 2],
     /// A Newton step below this, in eta, has converged.
@@ -154,7 +156,7 @@ pub(crate) struct Sum<T> {
     pub(crate) octaves: [usize; 2],
     /// Some of them fade within the piece.
     pub(crate) fades: bool,
-    /// First-octave cells per voxel: squared, across at radius 1 voxel; along; by twist at the surface.
+    /// Squares of first-octave cells per voxel: across at radius 1 voxel; along; by twist at the surface.
     pub(crate) rates: [T; 3],
     /// What the octaves that are left out add.
     pub(crate) mean: T,
@@ -167,7 +169,7 @@ pub(crate) struct Sum<T> {
 #[derive(Debug, Clone)]
 pub(crate) struct Octave<T> {
     pub(crate) octave: noise::Octave<T>,
-    /// log2 of its frequency over the first octave's, where its weight is not 1 all over the piece.
+    /// Square of its frequency over the first octave's, where its weight is not 1 all over the piece.
     pub(crate) fade: Option<T>,
     /// A sum, up to this octave, below this stays below the layer's threshold whatever the octaves after it add; `None`
     /// where it hardly comes so low.

@@ -1,6 +1,7 @@
 //! The noise in lanes against the reference's.
 
 use vdbake::noise::{BAND, BOUND, Octave, band_weight};
+use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::reference;
 
 use crate::gates_noise::lanes;
@@ -46,15 +47,41 @@ fn no_value_exceeds_the_bound_and_the_mean_is_zero() {
     assert!(mean.abs() < 3.0 * 0.27 / 512_f64.sqrt(), "{mean}");
 }
 
+/// Weights at sixteen squares of cells per voxel, times `b`.
+struct Weights<'a>(&'a [f32; 16], f32);
+
+impl WithLevel for Weights<'_> {
+    type Output = [f32; 16];
+    #[inline(always)]
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> [f32; 16] {
+        let mut out = [0.0; 16];
+        band_weight(token, R::load(token, self.0), R::splat(token, self.1)).store(&mut out);
+        out
+    }
+}
+
 #[test]
 fn octaves_have_full_weight_below_the_band_and_none_above_it() {
-    assert_eq!(band_weight((), BAND[0] - 1e-9), 1.0);
-    assert_eq!(band_weight((), BAND[1]), 0.0);
-    assert_eq!(band_weight((), f64::INFINITY), 0.0);
-    assert_eq!(band_weight((), f64::NEG_INFINITY), 1.0);
-    assert!((band_weight((), 0.5 * (BAND[0] + BAND[1])) - 0.5).abs() < 1e-15);
-    for log2 in [-0.4, 0.0, 0.3, 0.6] {
-        let truth = reference::octave_weight(libm::exp2(log2));
-        assert!((band_weight((), log2) - truth).abs() < 1e-12, "{log2}");
+    let ends = [0.0, 1e-30, BAND[0] * 0.999, BAND[0], BAND[1], BAND[1] * 1.001, 1e30, f64::INFINITY];
+    for (x, truth) in ends.into_iter().zip([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]) {
+        assert_eq!(band_weight((), x, 1.0), truth, "{x}");
+        #[allow(clippy::cast_possible_truncation, reason = "single precision is what is tested")]
+        let x = x as f32;
+        for b in [1e-6, 1.0, 3.7, 1e6] {
+            assert_eq!(f64::from(with_level(Level::best(), Weights(&[x * b; 16], b))[0]), truth, "{x}, {b}");
+        }
+    }
+}
+
+#[test]
+fn weights_in_the_band_agree_with_the_reference() {
+    for step in 0..1000_u16 {
+        let x = 0.6 + 1.2 * f32::from(step) / 1000.0;
+        let truth = reference::octave_weight(f64::from(x));
+        let square = f64::from(x) * f64::from(x);
+        // The stated bound.
+        assert!((band_weight((), 2.5 * square, 2.5) - truth).abs() < 1e-6, "{x}");
+        let found = with_level(Level::best(), Weights(&[x * x * 2.5; 16], 2.5))[0];
+        assert!((f64::from(found) - truth).abs() < 1e-6, "{x} in lanes");
     }
 }
