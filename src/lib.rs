@@ -12,6 +12,7 @@
 //! | [`mod@reference`] | a second, slow evaluator that shares no formula code with `field` |
 //! | [`volume`] | the plan of candidate bricks, their evaluation, the sinks they go to; sparse trees and their sampling |
 //! | [`formats`] | file formats, over `Write` and `Read`, never a path |
+//! | [`report`] | metrics: how fields, and images, differ |
 //! | [`cli`] | arguments, files, progress and exit codes; no numerics |
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
@@ -23,5 +24,6 @@ pub mod formats;
 pub mod noise;
 pub mod num;
 pub mod reference;
+pub mod report;
 pub mod scene;
 pub mod volume;

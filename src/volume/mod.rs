@@ -24,7 +24,7 @@ pub(crate) mod shape;
 mod slice;
 mod store;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 mod total;
 mod transform;
 pub(crate) mod tree;
@@ -35,7 +35,7 @@ pub use bake::{IN_FLIGHT, Phases, Tally, bake};
 pub use brick::{Brick, Encode, Sink};
 pub use part::{NotRead, Part, PartialTree};
 pub use plan::{Plan, PlanError};
-pub use points::density_at;
+pub use points::{density_at, planned_density_at};
 pub(crate) use precision::to_halves;
 pub use precision::{LARGEST_F16, Precision, Rounded};
 pub use rest::RestMass;

@@ -38,7 +38,7 @@ pub(super) fn checkered() -> Tree<f32> {
 }
 
 /// A tree of active leaves and tiles. Values are asked for leaf by leaf, in the order of the tree.
-pub(super) fn tree(
+pub(crate) fn tree(
     background: f32,
     leaves: &[[i32; 3]],
     tiles: &[Tile],
