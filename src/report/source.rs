@@ -42,26 +42,31 @@ pub trait Voxels: Sync {
 
 /// The density of a scene, by the kernel.
 #[derive(Debug)]
-pub struct Procedural<'a> {
-    field: &'a Field,
+pub struct Procedural {
+    field: Field,
     plan: Plan,
     support: Support,
 }
 
-impl<'a> Procedural<'a> {
+impl Procedural {
     /// The density as a bake at this lattice has it at its voxels' centres, at any points.
     ///
     /// # Errors
     ///
     /// As [`Plan::new`].
-    pub fn new(field: &'a Field, lattice: Lattice, budget: u64) -> Result<Procedural<'a>, PlanError> {
-        let plan = Plan::for_extent(field, lattice, Extent::Whole, budget)?;
+    pub fn new(field: Field, lattice: Lattice, budget: u64) -> Result<Procedural, PlanError> {
+        let plan = Plan::for_extent(&field, lattice, Extent::Whole, budget)?;
         let h = lattice.voxel_size;
         let rows: Rows = [[h, 0.0, 0.0, 0.5 * h], [0.0, h, 0.0, 0.5 * h], [0.0, 0.0, h, 0.5 * h]];
         let cubes = plan.origins().map(|origin| (origin, 3));
         // A voxel size is above 0.
         let support = Support::new(rows, cubes).ok_or(PlanError::TooWide)?;
         Ok(Procedural { field, plan, support })
+    }
+
+    /// Bytes that the plan holds.
+    pub fn memory(&self) -> u64 {
+        self.plan.memory() as u64
     }
 }
 
@@ -70,13 +75,13 @@ const NODES: u32 = 4;
 /// Points that are evaluated at once, about.
 const BATCH: f64 = 1_048_576.0;
 
-impl Source for Procedural<'_> {
+impl Source for Procedural {
     fn support(&self) -> &Support {
         &self.support
     }
 
     fn values(&self, points: &[DVec3]) -> Vec<f64> {
-        let values = planned_density_at(self.field, &self.plan, points, Level::best());
+        let values = planned_density_at(&self.field, &self.plan, points, Level::best());
         values.into_iter().map(f64::from).collect()
     }
 
@@ -108,7 +113,7 @@ impl Source for Procedural<'_> {
     }
 }
 
-impl Procedural<'_> {
+impl Procedural {
     /// Places and weights of a chord's quadrature.
     fn nodes(&self, chord: &Chord, rule: &[[f64; 2]]) -> Vec<(DVec3, f64)> {
         let mut nodes = Vec::new();
