@@ -74,17 +74,20 @@ pub(super) struct Walk {
     t: f64,
     end: f64,
     cell: [i64; 3],
+    /// Boxes that may still be left: no more than faces are crossed, but where double precision does not hold the places.
+    left: f64,
 }
 
 impl Walk {
     pub(super) fn new([origin, step]: [DVec3; 2], [t, end]: [f64; 2]) -> Walk {
         let cell = whole((origin + step * t).floor());
-        Walk { origin, step, t, end, cell }
+        let left = (step * (end - t)).abs().element_sum() + 8.0;
+        Walk { origin, step, t, end, cell, left }
     }
 
     /// The cell from whose near face the walk goes on; `None` at the end.
     pub(super) fn cell(&self) -> Option<[i64; 3]> {
-        (self.t < self.end).then_some(self.cell)
+        (self.t < self.end && self.left > 0.0).then_some(self.cell)
     }
 
     pub(super) fn at(&self, t: f64) -> DVec3 {
@@ -94,6 +97,7 @@ impl Walk {
     /// Leaves a box that holds the cell, from its first cell to before the others: the range of t in it.
     #[allow(clippy::cast_precision_loss, reason = "indices of voxels, below 2^33")]
     pub(super) fn leave(&mut self, [first, end]: [[i64; 3]; 2]) -> [f64; 2] {
+        self.left -= 1.0;
         let (mut exit, mut across) = (f64::INFINITY, None);
         for axis in 0..3 {
             let face = match self.step[axis] {
@@ -121,9 +125,11 @@ impl Walk {
     }
 }
 
-#[allow(clippy::cast_possible_truncation, reason = "saturates")]
+/// Far beyond all indices the nearest that leave room to count on.
+#[allow(clippy::cast_possible_truncation, reason = "limited before")]
 fn whole(v: DVec3) -> [i64; 3] {
-    v.to_array().map(|c| c as i64)
+    const FAR: f64 = 1e12;
+    v.to_array().map(|c| c.clamp(-FAR, FAR) as i64)
 }
 
 #[cfg(test)]

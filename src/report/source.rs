@@ -72,8 +72,10 @@ impl Procedural {
 
 /// Points of the quadrature in a stretch of at most a voxel.
 const NODES: u32 = 4;
-/// Points that are evaluated at once, about.
-const BATCH: f64 = 1_048_576.0;
+/// Points of the quadrature that are held at once, about.
+const BATCH: f64 = 131_072.0;
+/// Points that are evaluated at once: each may lie in a brick of its own, which takes 2 KiB.
+const TOGETHER: usize = 8192;
 
 impl Source for Procedural {
     fn support(&self) -> &Support {
@@ -81,8 +83,12 @@ impl Source for Procedural {
     }
 
     fn values(&self, points: &[DVec3]) -> Vec<f64> {
-        let values = planned_density_at(&self.field, &self.plan, points, Level::best());
-        values.into_iter().map(f64::from).collect()
+        let mut values = Vec::with_capacity(points.len());
+        for points in points.chunks(TOGETHER) {
+            let found = planned_density_at(&self.field, &self.plan, points, Level::best());
+            values.extend(found.into_iter().map(f64::from));
+        }
+        values
     }
 
     /// By the Gauss-Legendre rule of four points in every stretch of at most a voxel within a brick: of smooth densities far

@@ -6,12 +6,12 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::tolerance::Tolerance;
-use super::{Arguments, Kind, too_much};
+use super::{Arguments, Kind, figure, too_much};
 use crate::cli::Failure;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source as SceneSource};
 use crate::cli::sample::unplanned;
-use crate::cli::text::{self, Table, short};
+use crate::cli::text::{self, Table};
 use crate::formats::vdb::{AnyTree, VdbFile, VdbReadError};
 use crate::report::{self, FieldDifference, Gridded, Places, Procedural, Rows, Scaled, Source};
 use crate::volume::{Filter, Sampled, Tree};
@@ -21,6 +21,10 @@ const PLACES: Places = Places { points: 200_000, rays: 2000 };
 /// Bytes that are held for each point: itself, in the world and in index space, two values, the difference, and what the kernel
 /// orders it by.
 const POINT: u64 = 160;
+/// Bytes for each leaf or brick, to know which points lie in it and to spread them.
+const CUBE: u64 = 64;
+/// Bytes for points that are evaluated at once.
+const BATCH: u64 = 32 << 20;
 
 /// How fields differ, as `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -57,7 +61,12 @@ pub(super) fn compare(arguments: &Arguments, kinds: [Kind; 2]) -> Result<Report,
     let budget = arguments.memory();
     let left = budget.checked_sub(points).ok_or_else(|| too_much("comparing so many points", points))?;
     let (a, a_source, taken) = read(arguments, &arguments.a, kinds[0], left)?;
-    let (b, b_source, _) = read(arguments, &arguments.b, kinds[1], left.saturating_sub(taken))?;
+    let (b, b_source, more) = read(arguments, &arguments.b, kinds[1], left.saturating_sub(taken))?;
+    let cubes = CUBE * (a_source.support().count() + b_source.support().count()) as u64;
+    let need = [taken, more, cubes, BATCH].iter().fold(points, |sum, part| sum.saturating_add(*part));
+    if need > budget {
+        return Err(too_much("the comparison", need));
+    }
     let found = report::compare(&*a_source, &*b_source, places);
     let metric = arguments.metric.unwrap_or_default();
     let tolerance = arguments.tolerance.map(|limit| Tolerance::of_fields(metric, limit, &found));
@@ -145,7 +154,7 @@ fn gridded<T: Sampled<Wide = f64>>(
 impl Side {
     fn line(&self) -> String {
         let voxels =
-            self.voxel_size.map_or(String::new(), |size| format!(", at voxels of {} m", short(size)));
+            self.voxel_size.map_or(String::new(), |size| format!(", at voxels of {} m", figure(size)));
         format!("{}: {} by {}{voxels}", text::plain(&self.file), text::tidy(&self.grid), self.method)
     }
 }
@@ -156,22 +165,22 @@ pub(super) fn human(report: &Report) -> String {
     let mut table = Table::default();
     table.heading(format!("A  {}", report.a.line()));
     table.heading(format!("B  {}", report.b.line()));
-    table.row("points", format!("{} in {} m^3", text::count(found.points), short(found.volume)));
+    table.row("points", format!("{} in {} m^3", text::count(found.points), figure(found.volume)));
     errors(&mut table, found);
     if let Some([x, y, z]) = found.worst {
         table.row("largest at", text::vector([x, y, z]));
     }
-    let [a, b] = found.mass.of.map(short);
+    let [a, b] = found.mass.of.map(figure);
     table.row("mass", format!("{a} and {b} m^3{}", ratio(found)));
     let depth = &found.optical_depth;
-    let root = depth.l2.of_rms.map_or_else(String::new, |part| format!(" ({} of A's)", short(part)));
+    let root = depth.l2.of_rms.map_or_else(String::new, |part| format!(" ({} of A's)", figure(part)));
     table.row(
         "optical depth",
         format!(
             "L1 {}, L2 {}{root}, largest {} m, along {}",
-            short(depth.l1.absolute),
-            short(depth.l2.absolute),
-            short(depth.max.absolute),
+            figure(depth.l1.absolute),
+            figure(depth.l2.absolute),
+            figure(depth.max.absolute),
             text::number(depth.rays, "ray")
         ),
     );
@@ -187,8 +196,8 @@ pub(super) fn human(report: &Report) -> String {
         let line = format!(
             "{}, by up to {}, root mean square {}",
             text::count(voxels.differ),
-            short(voxels.max),
-            short(voxels.rms)
+            figure(voxels.max),
+            figure(voxels.rms)
         );
         table.row("that differ", line);
     }
@@ -202,8 +211,8 @@ pub(super) fn human(report: &Report) -> String {
 /// Columns of figures.
 fn errors(table: &mut Table, found: &FieldDifference) {
     let errors = &found.errors;
-    let column = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), short);
-    let interval = |[low, high]: [f64; 2]| format!("{} to {}", short(low), short(high));
+    let column = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), figure);
+    let interval = |[low, high]: [f64; 2]| format!("{} to {}", figure(low), figure(high));
     let header = ["absolute", "of A's RMS", "of A's peak", "95 % interval"];
     table.row("", format!("{:<12}  {:<12}  {:<12}  {}", header[0], header[1], header[2], header[3]));
     let mut row = |name: &str, scaled: Scaled, held: Option<[f64; 2]>| {

@@ -3,10 +3,11 @@
 use serde::Serialize;
 
 use super::tolerance::Tolerance;
-use super::{Arguments, Kind, difference, picture, too_much};
+use super::{Arguments, Kind, difference, figure, picture, too_much};
 use crate::cli::interrupt::Interrupt;
-use crate::cli::text::{self, Table, short};
+use crate::cli::text::{self, Table};
 use crate::cli::{Failure, Global};
+use crate::report::flip::PIXELS_PER_DEGREE;
 use crate::report::{Errors, ImageDifference, Picture, compare_images};
 
 /// Bytes that are held for each pixel by FLIP, in strips and as a whole: two images of colours, the map, and a picture of it.
@@ -55,7 +56,9 @@ pub(super) fn compare(
     let held = picture::bytes(&a) + picture::bytes(&b);
     let [width, height] = a.size.map(|edge| edge as u64);
     let values = 2 * held.max(1);
-    let threads = rayon::current_num_threads() as u64;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 1 to 15")]
+    let reach = (arguments.pixels_per_degree() / PIXELS_PER_DEGREE).ceil() as u64;
+    let threads = reach * rayon::current_num_threads() as u64;
     let need = [values, width * height * PIXEL, width * ROWS * 8 * threads]
         .iter()
         .fold(held, |sum, part| sum.saturating_add(*part));
@@ -113,9 +116,9 @@ pub(super) fn human(report: &Report) -> String {
     let rows = if found.channels.len() > 1 { &found.channels[..] } else { &[] };
     for channel in rows.iter().chain([&found.all]) {
         let errors = &channel.errors;
-        let [rmse, l1, bias, p999, max] =
-            [errors.l2, errors.l1, errors.bias, errors.p999, errors.max].map(|scaled| short(scaled.absolute));
-        columns(&mut table, [text::tidy(&channel.name), rmse, l1, bias, p999, max, short(channel.rel_mse)]);
+        let [rmse, l1, bias, p999, max] = [errors.l2, errors.l1, errors.bias, errors.p999, errors.max]
+            .map(|scaled| figure(scaled.absolute));
+        columns(&mut table, [text::tidy(&channel.name), rmse, l1, bias, p999, max, figure(channel.rel_mse)]);
     }
     table.row("PSNR", psnr(&found.all.errors));
     match &found.flip {
@@ -123,10 +126,10 @@ pub(super) fn human(report: &Report) -> String {
             "FLIP",
             format!(
                 "mean {}, largest {}, of {} at {} pixels per degree",
-                short(flip.mean),
-                short(flip.max),
+                figure(flip.mean),
+                figure(flip.max),
                 flip.channels.iter().map(|name| text::tidy(name)).collect::<Vec<_>>().join(", "),
-                short(flip.pixels_per_degree)
+                figure(flip.pixels_per_degree)
             ),
         ),
         None => table.row("FLIP", "of colours and luminance only, which the images lack"),
@@ -162,7 +165,7 @@ fn columns(table: &mut Table, [name, rest @ ..]: [String; 7]) {
 /// With its peak.
 pub(super) fn psnr(errors: &Errors) -> String {
     match errors.psnr {
-        Some(psnr) => format!("{psnr:.2} dB of the peak {}", short(errors.peak)),
+        Some(psnr) => format!("{psnr:.2} dB of the peak {}", figure(errors.peak)),
         None if errors.l2.absolute == 0.0 => "infinite: there is no difference".to_owned(),
         None => "none: A is 0 throughout".to_owned(),
     }

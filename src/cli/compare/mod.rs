@@ -15,7 +15,7 @@ use clap::{Args, ValueEnum};
 use super::interrupt::Interrupt;
 use super::job::SceneOptions;
 use super::sample::FilterName;
-use super::{Failure, Global, info};
+use super::{Failure, Global, info, text};
 use crate::report::flip::PIXELS_PER_DEGREE;
 use tolerance::MetricName;
 
@@ -211,9 +211,28 @@ impl Arguments {
     }
 }
 
+/// Four significant digits, in a few letters.
+fn figure(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e6).contains(&x.abs()) { text::short(x) } else { format!("{x:.3e}") }
+}
+
 /// In words, for messages.
 fn too_much(what: &str, bytes: u64) -> Failure {
     let bytes = bytes.saturating_add(PROCESS);
-    Failure::failed(format!("{what} takes {} of memory, and less may be used", super::text::bytes(bytes)))
+    Failure::failed(format!("{what} takes {} of memory, and less may be used", text::bytes(bytes)))
         .hint(format!("allow more with --memory {}", super::memory::enough(bytes)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_short() {
+        for (x, expected) in
+            [(0.0, "0"), (0.012_345, "0.01235"), (-0.000_024_3, "-2.430e-5"), (1.5e9, "1.500e9")]
+        {
+            assert_eq!(figure(x), expected);
+        }
+    }
 }

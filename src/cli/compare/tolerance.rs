@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use serde::Serialize;
 
+use super::figure;
 use crate::cli::{Failure, text};
 use crate::report::{ChannelDifference, FieldDifference, ImageDifference, Scaled};
 
@@ -104,11 +105,11 @@ impl Tolerance {
     /// In one line.
     pub(super) fn line(&self) -> String {
         let holds = if self.holds { "holds" } else { "does not hold" };
-        format!("{} of {}, {} allowed: {holds}", self.metric, self.shown(), text::short(self.limit))
+        format!("{} of {}, {} allowed: {holds}", self.metric, self.shown(), figure(self.limit))
     }
 
     fn shown(&self) -> String {
-        self.value.map_or_else(|| "infinity".to_owned(), text::short)
+        self.value.map_or_else(|| "infinity".to_owned(), figure)
     }
 
     /// Whether it holds.
@@ -119,7 +120,7 @@ impl Tolerance {
         Err(Failure::check(if self.not_finite > 0 {
             format!("{} of A and B, NaN or infinite", text::number(self.not_finite, "value"))
         } else {
-            format!("{} is {}, above the tolerance of {}", self.metric, self.shown(), text::short(self.limit))
+            format!("{} is {}, above the tolerance of {}", self.metric, self.shown(), figure(self.limit))
         }))
     }
 }
