@@ -283,6 +283,28 @@ fn pictures_and_maps_of_their_difference() {
     assert_eq!((&found["a"]["values"], &found["b"]["values"]), (&"linear".into(), &"linear".into()));
 }
 
+/// What `flip-evaluator` 1.7, the implementation of the paper's authors, finds in the same pictures.
+#[test]
+fn flip_is_that_of_its_authors() {
+    let folder = Folder::new();
+    let put = |name: &str, pixel: fn(usize, usize) -> [usize; 3]| {
+        let pixels: Vec<[u8; 3]> = (0..24 * 32)
+            .map(|n| pixel(n % 32, n / 32).map(|code| u8::try_from(code % 256).expect("a byte")))
+            .collect();
+        let mut out = Vec::new();
+        png::write([32, 24], &pixels, &mut out).expect("a picture");
+        folder.put(name, out);
+    };
+    put("a.png", |x, y| [x * 8, y * 10, (x + y) * 4]);
+    put("b.png", |x, y| [x * 8 + x / 4 % 2 * 24, y * 10, (x * 3 + y) * 4]);
+    for (per_degree, mean, max) in [("67", 0.500_867, 0.966_517), ("20", 0.551_646, 0.972_024)] {
+        let found = folder.json(&["compare", "a.png", "b.png", "--pixels-per-degree", per_degree]);
+        // It works in single precision, of which differences of features, where they are small, are the square root.
+        assert!((real(&found["flip"]["mean"]) - mean).abs() < 5e-5, "{}", found["flip"]);
+        assert!((real(&found["flip"]["max"]) - max).abs() < 5e-6, "{}", found["flip"]);
+    }
+}
+
 #[test]
 fn values_that_are_no_numbers_fail_a_tolerance() {
     let folder = Folder::new();
