@@ -3,7 +3,7 @@
 //! The same images give the same bytes: whatever else is to be said of an image goes into one attribute of text, since the
 //! crate keeps attributes in an order that changes from run to run.
 //!
-//! Images of any program are [`read`].
+//! Images of any program are read by [`read()`].
 
 mod read;
 
