@@ -13,6 +13,7 @@
 //! | [`volume`] | the plan of candidate bricks, their evaluation, the sinks they go to; sparse trees and their sampling |
 //! | [`march`] | cameras, lights, and how light goes through a medium: pictures |
 //! | [`formats`] | file formats, over `Write` and `Read`, never a path |
+//! | [`report`] | metrics: how fields, and images, differ |
 //! | [`cli`] | arguments, files, progress and exit codes; no numerics |
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
@@ -25,5 +26,6 @@ pub mod march;
 pub mod noise;
 pub mod num;
 pub mod reference;
+pub mod report;
 pub mod scene;
 pub mod volume;

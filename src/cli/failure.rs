@@ -20,6 +20,7 @@ enum Kind {
     Usage,
     Input,
     Scene(Box<SceneErrors>),
+    Check,
     Partial,
     Interrupted,
 }
@@ -42,6 +43,11 @@ impl Failure {
     /// A scene or input file is not there, not readable or not valid.
     pub(super) fn input(message: impl Into<String>) -> Failure {
         Failure::new(Kind::Input, message)
+    }
+
+    /// What was to be checked does not hold.
+    pub(super) fn check(message: impl Into<String>) -> Failure {
+        Failure::new(Kind::Check, message)
     }
 
     /// A signal asked to stop.
@@ -70,13 +76,14 @@ impl Failure {
         self
     }
 
-    /// 1: failed; 2: usage; 3: the scene or input file cannot be read or is invalid; 5: some files of a sequence are done,
+    /// 1: failed; 2: usage; 3: the scene or input file cannot be read or is invalid; 4: a check did not hold; 5: some files of a sequence are done,
     /// the others can be made by another run; 130: interrupted.
     pub fn exit_code(&self) -> u8 {
         match self.kind {
             Kind::Failed => 1,
             Kind::Usage => 2,
             Kind::Input | Kind::Scene(_) => 3,
+            Kind::Check => 4,
             Kind::Partial => 5,
             Kind::Interrupted => 130,
         }

@@ -4,6 +4,7 @@
 //! error. [`Failure::exit_code`] lists the exit codes.
 
 mod bake;
+mod compare;
 mod disk;
 mod estimate;
 mod failure;
@@ -69,6 +70,8 @@ enum Command {
     Sample(sample::Arguments),
     /// Write slices of a scene or an OpenVDB file as EXR or PNG images
     Slice(slice::Arguments),
+    /// Tell how a scene, an OpenVDB file or an image differs from another
+    Compare(compare::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
 }
@@ -87,6 +90,7 @@ impl Cli {
             Command::Render(arguments) => render::run(arguments, &self.global),
             Command::Sample(arguments) => sample::run(arguments, &self.global),
             Command::Slice(arguments) => slice::run(arguments, &self.global),
+            Command::Compare(arguments) => compare::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
         }
     }

@@ -1,12 +1,13 @@
 //! A file that appears whole or not at all.
 
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
 use super::Failure;
+use super::interrupt::{Interrupt, Watched};
 
 /// Characters of the file's name that the temporary name repeats: all of a long name would be too long.
 const REPEATED: usize = 100;
@@ -75,6 +76,23 @@ impl Output {
         }
         Ok(())
     }
+}
+
+/// Writes a file of these bytes, whole or not at all.
+pub(super) fn save(path: &Path, bytes: &[u8], interrupt: &Interrupt) -> Result<(), Failure> {
+    interrupt.check()?;
+    let output = Output::create(path)?;
+    let failed =
+        |error: io::Error| Failure::failed(format!("cannot write {}", path.display())).because(error);
+    let write = || {
+        let mut out = BufWriter::new(Watched { inner: output.file(), interrupt });
+        out.write_all(bytes)?;
+        out.flush()?;
+        output.sync()
+    };
+    write().map_err(failed).or_else(|failure| interrupt.check().and(Err(failure)))?;
+    interrupt.check()?;
+    output.publish().map_err(failed)
 }
 
 fn folder(path: &Path) -> &Path {

@@ -73,6 +73,15 @@ impl<'a, T: Value> Accessor<'a, T> {
         }
     }
 
+    /// The first voxel, the log2 of the edge and the value of the cube around an index, where it is a tile or not stored.
+    pub(crate) fn uniform(&mut self, index: [i32; 3]) -> Option<([i32; 3], u32, T)> {
+        let cube = self.cube(index);
+        match cube.content {
+            Content::Leaf(_) => None,
+            Content::Uniform(value) => Some((cube.origin, cube.log2_edge, value)),
+        }
+    }
+
     /// The values of N^3 voxels from `base` on, by x, y and z, where N is at most 8. What lies beyond the range of
     /// indices has the background's value.
     pub(crate) fn stencil<const N: usize>(&mut self, base: [i64; 3]) -> [[[T; N]; N]; N] {

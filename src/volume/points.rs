@@ -25,6 +25,12 @@ pub fn density_at(
     budget: u64,
 ) -> Result<Vec<f32>, PlanError> {
     let plan = Plan::for_extent(field, lattice, Extent::Whole, budget)?;
+    Ok(planned_density_at(field, &plan, points, level))
+}
+
+/// The same with a plan of the field for [`Extent::Whole`], for many lists of points.
+pub fn planned_density_at(field: &Field, plan: &Plan, points: &[DVec3], level: Level) -> Vec<f32> {
+    let lattice = plan.lattice();
     let mut order: Vec<(usize, usize)> = points
         .par_iter()
         .enumerate()
@@ -35,7 +41,7 @@ pub fn density_at(
         order.chunk_by(|a, b| a.0 == b.0).flat_map(|group| group.chunks(VOXELS)).collect();
     let found: Vec<[f32; VOXELS]> = groups
         .par_iter()
-        .map_init(Worker::default, |worker, group| worker.evaluate(field, &plan, group, points, level))
+        .map_init(Worker::default, |worker, group| worker.evaluate(field, plan, group, points, level))
         .collect();
     let mut values = vec![0.0; points.len()];
     for (group, found) in groups.iter().zip(found) {
@@ -43,7 +49,7 @@ pub fn density_at(
             values[index] = value;
         }
     }
-    Ok(values)
+    values
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "saturates, and no brick lies there")]

@@ -97,8 +97,8 @@ fn help_lists_the_commands_there_are() {
     let help = text(&output);
     let commands = help.split("Commands:").nth(1).and_then(|rest| rest.split("\n\n").next()).expect("a list");
     let names: Vec<&str> = commands.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(names, ["bake", "plan", "sample", "slice", "info", "help"]);
-    for name in ["bake", "plan", "sample", "slice", "info"] {
+    assert_eq!(names, ["bake", "plan", "sample", "slice", "compare", "info", "help"]);
+    for name in ["bake", "plan", "sample", "slice", "compare", "info"] {
         assert_eq!(code(&folder.run(&[name, "--help"])), 0);
     }
 }

@@ -4,6 +4,7 @@
 mod animation;
 mod antialias;
 mod cli;
+mod compare;
 mod consumers;
 mod detail;
 mod files;

@@ -54,7 +54,7 @@ pub(super) struct Arguments {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum FilterName {
+pub(super) enum FilterName {
     /// The nearest voxel's value
     Nearest,
     /// Linear between 2^3 voxels
@@ -203,7 +203,7 @@ fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     })
 }
 
-fn unplanned(error: PlanError) -> Failure {
+pub(super) fn unplanned(error: PlanError) -> Failure {
     let hint = match error {
         PlanError::TooMany { .. } => "take a larger --voxel-size, or allow more with --memory",
         PlanError::IndexRange { .. } | PlanError::TooWide => "take a larger --voxel-size",

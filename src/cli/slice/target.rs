@@ -1,6 +1,6 @@
 //! Where slices go: a file of each, one file with a part for each, or one image with all of them side by side.
 
-use std::io::{self, BufWriter, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use half::f16;
@@ -11,8 +11,8 @@ use super::source::{Plane, Sliced};
 use super::{Arguments, picture};
 use crate::cli::Failure;
 use crate::cli::frames::Pattern;
-use crate::cli::interrupt::{Interrupt, Watched};
-use crate::cli::output::Output;
+use crate::cli::interrupt::Interrupt;
+use crate::cli::output::save;
 use crate::formats::exr::{self, Part, Samples};
 use crate::formats::png;
 use crate::volume::Slicing;
@@ -305,10 +305,6 @@ fn write(
     white: f32,
     interrupt: &Interrupt,
 ) -> Result<(), Failure> {
-    interrupt.check()?;
-    let output = Output::create(path)?;
-    let failed =
-        |error: io::Error| Failure::failed(format!("cannot write {}", path.display())).because(error);
     let mut bytes = io::Cursor::new(Vec::new());
     match form {
         Form::Exr => exr::write(pictures.into_iter().map(part).collect(), &mut bytes)
@@ -322,15 +318,7 @@ fn write(
             }
         }
     }
-    let write = || {
-        let mut out = BufWriter::new(Watched { inner: output.file(), interrupt });
-        out.write_all(bytes.get_ref())?;
-        out.flush()?;
-        output.sync()
-    };
-    write().map_err(failed).or_else(|failure| interrupt.check().and(Err(failure)))?;
-    interrupt.check()?;
-    output.publish().map_err(failed)
+    save(path, bytes.get_ref(), interrupt)
 }
 
 /// Numbers are luminance, vectors red, green and blue.

@@ -2,6 +2,10 @@
 //!
 //! The same images give the same bytes: whatever else is to be said of an image goes into one attribute of text, since the
 //! crate keeps attributes in an order that changes from run to run.
+//!
+//! Images of any program are read by [`read()`].
+
+mod read;
 
 use std::io::{Seek, Write};
 
@@ -10,6 +14,7 @@ use exr::meta::attribute::{AttributeValue, IntegerBounds, LineOrder, Text};
 use exr::meta::header::{ImageAttributes, LayerAttributes};
 use exr::prelude::{Compression, SmallVec, WritableImage};
 use half::f16;
+pub use read::{ExrReadError, read};
 
 /// The attribute that holds what is said of a part.
 const ATTRIBUTE: &str = "vdbake";
@@ -25,13 +30,13 @@ pub enum Samples {
 
 /// An image, or one of several in a file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Part {
+pub struct Part<N = &'static str> {
     /// Its name, unlike that of any other in the file.
     pub name: String,
     /// Pixels from left to right, and from top to bottom.
     pub pixels: [usize; 2],
     /// Channels with their names.
-    pub channels: Vec<(&'static str, Samples)>,
+    pub channels: Vec<(N, Samples)>,
     /// Text of its attribute `vdbake`.
     pub attribute: String,
 }
@@ -58,7 +63,7 @@ pub enum ExrError {
 /// # Errors
 ///
 /// [`ExrError`].
-pub fn write(parts: Vec<Part>, out: impl Write + Seek) -> Result<(), ExrError> {
+pub fn write<N: AsRef<str>>(parts: Vec<Part<N>>, out: impl Write + Seek) -> Result<(), ExrError> {
     let [width, height] = parts.first().ok_or(ExrError::Empty)?.pixels;
     let layers = parts.into_iter().map(layer).collect::<Result<Vec<_>, _>>()?;
     let attributes = ImageAttributes::new(IntegerBounds::from_dimensions((width, height)));
@@ -66,7 +71,7 @@ pub fn write(parts: Vec<Part>, out: impl Write + Seek) -> Result<(), ExrError> {
     Ok(())
 }
 
-fn layer(part: Part) -> Result<Layer<AnyChannels<FlatSamples>>, ExrError> {
+fn layer<N: AsRef<str>>(part: Part<N>) -> Result<Layer<AnyChannels<FlatSamples>>, ExrError> {
     let [width, height] = part.pixels;
     let count = width.checked_mul(height).filter(|count| *count > 0 && *count < 1 << 31);
     let fits = |samples: &Samples| match samples {
@@ -85,7 +90,7 @@ fn layer(part: Part) -> Result<Layer<AnyChannels<FlatSamples>>, ExrError> {
             Samples::F32(values) => FlatSamples::F32(values),
             Samples::F16(values) => FlatSamples::F16(values),
         };
-        channels.push(AnyChannel::new(text(name)?, samples));
+        channels.push(AnyChannel::new(text(name.as_ref())?, samples));
     }
     let encoding = Encoding {
         compression: Compression::ZIP16,
