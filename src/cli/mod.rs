@@ -4,6 +4,7 @@
 //! error. [`Failure::exit_code`] lists the exit codes.
 
 mod bake;
+mod convert;
 mod disk;
 mod estimate;
 mod failure;
@@ -66,6 +67,8 @@ enum Command {
     Sample(sample::Arguments),
     /// Write slices of a scene or an OpenVDB file as EXR or PNG images
     Slice(slice::Arguments),
+    /// Convert between formats of volumes: an OpenVDB file to a .vol file for Mitsuba
+    Convert(convert::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
 }
@@ -83,6 +86,7 @@ impl Cli {
             Command::Plan(arguments) => plan::run(arguments, &self.global),
             Command::Sample(arguments) => sample::run(arguments, &self.global),
             Command::Slice(arguments) => slice::run(arguments, &self.global),
+            Command::Convert(arguments) => convert::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
         }
     }

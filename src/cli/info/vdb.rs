@@ -6,9 +6,12 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::view::{self, Size, View};
 use crate::cli::memory::Amount;
-use crate::cli::{Failure, text};
+use crate::cli::{Failure, job, text};
 use crate::formats::vdb::{GridInfo, Meta, Metadata, list_grids};
+use crate::scene::SceneErrors;
+use crate::scene::limit::ANY;
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -26,6 +29,8 @@ pub(super) struct Report {
     out_of_reach: usize,
     /// Why the file cannot be read to its end.
     error: Option<String>,
+    /// What another renderer needs, where the file carries its scene.
+    pub(super) view: Option<View>,
 }
 
 #[derive(Debug, Serialize)]
@@ -148,8 +153,23 @@ pub(super) fn read(path: &Path) -> Result<(Report, Option<Failure>), Failure> {
         grids: (0..).zip(&info.grids).map(|(number, info)| grid(info, number < listing.whole)).collect(),
         out_of_reach: info.out_of_reach,
         error,
+        view: None,
     };
     Ok((report, failure))
+}
+
+/// The view of the scene that the file was baked from, at its time; `None` for files that carry none. Other files that it
+/// names are looked for beside this one.
+pub(super) fn view(report: &Report, path: &Path, size: Size) -> Result<Option<View>, SceneErrors> {
+    let (Some(Value::Text(scene)), Some(Value::Text(settings))) =
+        (report.metadata.get("vdbake_scene"), report.metadata.get("vdbake_settings"))
+    else {
+        return Ok(None);
+    };
+    let settings: serde_json::Value = serde_json::from_str(settings).unwrap_or_default();
+    let time = settings["time"].as_f64().filter(|time| ANY.admits(*time)).unwrap_or(0.0);
+    let scene = job::load_scene(scene, path)?.at(time)?;
+    Ok(Some(view::view(&scene, size)))
 }
 
 fn values(metadata: &Metadata) -> BTreeMap<String, Value> {
