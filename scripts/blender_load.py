@@ -29,10 +29,9 @@ def arguments():
     parser.add_argument("--save", metavar="OUT.blend", help="keep what was loaded as Blender's own file")
     parser.add_argument("--max-depth", type=int, default=8, metavar="N", help="scatterings, and one: 2 is scattering once")
     parser.add_argument("--denoise", action="store_true", help="smooth the noise away, and some of what is fine")
+    parser.add_argument("--step", type=float, default=0.5, metavar="VOXELS", help="length of the steps through the volume")
     parser.add_argument(
-        "--unbiased",
-        action="store_true",
-        help="let Blender 5.0 track the volume exactly, with more noise, instead of in steps of a voxel",
+        "--unbiased", action="store_true", help="let Blender 5.0 track the volume without steps, with more noise"
     )
     options = parser.parse_args(own)
     if options.output and not options.output.lower().endswith((".exr", ".png")):
@@ -173,8 +172,7 @@ def set_up_cycles(scene, options):
     cycles.volume_max_steps = 65536
     if hasattr(cycles, "volume_biased"):
         cycles.volume_biased = not options.unbiased
-    # Steps of half a voxel, where there are steps.
-    cycles.volume_step_rate = 0.5
+    cycles.volume_step_rate = options.step
 
 
 def render(scene, options, view):

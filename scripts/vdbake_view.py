@@ -76,7 +76,7 @@ def view(options):
         time = options.time if getattr(options, "time", None) is not None else settings.get("time", 0.0)
         found = info(options, options.scene, "--time", repr(float(time)))["view"]
     if found is None:
-        sys.exit(f"{options.file} holds no scene whose files are at hand: name one with --scene")
+        sys.exit(f"the scene in {options.file} cannot be read, perhaps for want of files that it names: name it with --scene")
     if options.extinction is not None:
         found["medium"]["extinction"] = options.extinction
     if options.absorption_only:
@@ -100,12 +100,17 @@ def ambient(found):
 
 
 def stops(found, pixels):
-    """The exposure of a picture for the eye: the scene's, else one that shows all but the brightest hundredth of what light
-    comes from below white. `pixels` are an array of shape (..., 4), premultiplied."""
+    """The exposure of a picture for the eye: the scene's, else one by which all but the brightest hundredth of what is seen
+    of the volume is below 0.7. `pixels` are an array of shape (..., 4), premultiplied."""
     import numpy as np
 
-    if found["camera"]["exposure"] is not None:
-        return found["camera"]["exposure"]
-    lit = pixels[..., :3].max(axis=-1)[pixels[..., 3] > 0.01]
-    white = np.quantile(lit, 0.99) if lit.size else 0.0
-    return float(np.clip(-np.log2(white), -20.0, 20.0)) if white > 0.0 else 0.0
+    camera = found["camera"]
+    if camera["exposure"] is not None:
+        return camera["exposure"]
+    seen = pixels[..., 3] > 0.02
+    if camera["background"] is not None:
+        behind = np.array(camera["background"])
+        seen &= np.abs(pixels[..., :3] - behind).max(axis=-1) > 0.02 * behind.max()
+    light = (pixels[..., :3] @ np.array([0.2126, 0.7152, 0.0722]))[seen] / pixels[..., 3][seen]
+    white = np.quantile(light, 0.99) if light.size else 0.0
+    return float(np.clip(np.log2(0.7 / white), -10.0, 10.0)) if white > 0.0 else 0.0

@@ -69,7 +69,9 @@ impl VolHeader {
             reason = "to the nearest, which is all that the format has"
         )]
         let corners = self.bounds.map(|corner| corner.map(|c| c as f32));
-        if (0..3).any(|i| !(corners[0][i] < corners[1][i]) || !(corners[1][i] - corners[0][i]).is_finite()) {
+        let has_room =
+            |i: usize| corners[0][i] < corners[1][i] && (corners[1][i] - corners[0][i]).is_finite();
+        if !(0..3).all(has_room) {
             return Err(VolError::Bounds(self.bounds[0], self.bounds[1]));
         }
         bytes.extend(corners.as_flattened().iter().flat_map(|c| c.to_le_bytes()));

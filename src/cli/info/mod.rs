@@ -35,10 +35,13 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         }
         let (mut report, failure) = vdb::read(path)?;
         if global.json {
-            report.view = vdb::view(&report, path, arguments.size).unwrap_or_else(|why| {
-                global.note(&format!("no view, since the scene in {} cannot be read: {why}", path.display()));
-                None
-            });
+            match vdb::view(&report, path, arguments.size) {
+                Ok(view) => report.view = Some(view),
+                Err(errors) => global.note(&format!(
+                    "no view, since the scene in {} cannot be read:\n{errors}",
+                    path.display()
+                )),
+            }
         }
         global.show(&report, vdb::human)?;
         return failure.map_or(Ok(()), Err);
@@ -47,7 +50,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.warn_of(scene.warnings());
     let mut report = scene::describe(&scene)?;
     if global.json {
-        report.view = Some(view::view(&scene.at(arguments.time.unwrap_or(0.0))?, arguments.size));
+        report.view = Some(view::view(&scene.at(arguments.time.unwrap_or(0.0))?, None, arguments.size));
     }
     global.show(&report, scene::human)
 }

@@ -5,7 +5,6 @@ use std::str::FromStr;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::cli::job::bounds;
 use crate::field::Field;
 use crate::march::{Camera, black_body};
 use crate::scene::{Light, Scene};
@@ -84,10 +83,10 @@ enum Lamp {
     Ambient { radiance: [f64; 3] },
 }
 
-/// The view of a scene at its time.
-pub(super) fn view(scene: &Scene, size: Size) -> View {
+/// The view of a scene at its time. Where it holds no density the camera is framed to `other`, corners in metres.
+pub(super) fn view(scene: &Scene, other: Option<[DVec3; 2]>, size: Size) -> View {
     let (medium, camera) = (scene.medium(), scene.camera());
-    let bounds = bounds(&Field::compile(scene)).map(|corners| corners.map(DVec3::from));
+    let bounds = Field::compile(scene).bounds().or(other);
     let glow = medium.temperature.map_or([1.0; 3], black_body);
     let Camera { eye, forward, right, up, half, is_orthographic } =
         Camera::new(&camera, bounds, size.aspect());
@@ -139,12 +138,22 @@ mod tests {
         let text = "[medium]\nemission = [2, 1, 1]\ntemperature = 3000\n[[light]]\nkind = \"point\"\nposition = [1, 2, 3]";
         let scene = Scene::parse(text, "").expect("valid");
         let size = Size { width: 2, height: 1 };
-        let json = serde_json::to_value(view(&scene, size)).expect("JSON");
+        let json = serde_json::to_value(view(&scene, None, size)).expect("JSON");
         let [red, green, blue] = black_body(3000.0);
         assert_eq!(json["medium"]["emission"], serde_json::json!([2.0 * red, green, blue]));
         assert_eq!(json["lights"][0]["kind"], "point");
         assert_eq!(json["lights"][0]["intensity"], serde_json::json!([1.0, 1.0, 1.0]));
         assert_eq!(json["camera"]["is_orthographic"], false);
         assert_eq!(json["camera"]["background"], serde_json::Value::Null);
+    }
+
+    #[test]
+    fn what_holds_nothing_is_framed_to_the_file() {
+        let scene = Scene::parse("", "").expect("valid");
+        let size = Size { width: 2, height: 2 };
+        let corners = [DVec3::splat(99.0), DVec3::splat(101.0)];
+        let camera = view(&scene, Some(corners), size).camera;
+        let ahead = DVec3::splat(100.0) - DVec3::from(camera.eye);
+        assert!(ahead.normalize().dot(DVec3::from(camera.forward)) > 1.0 - 1e-12);
     }
 }
