@@ -87,7 +87,7 @@ fn size(text: &str) -> Result<f64, String> {
     size.ok_or_else(|| format!("expected metres, {}", POSITIVE.range))
 }
 
-fn time(text: &str) -> Result<f64, String> {
+pub(super) fn time(text: &str) -> Result<f64, String> {
     let time = text.parse().ok().filter(|time| ANY.admits(*time));
     // Adding 0 makes a negative zero positive, so that the two are one setting.
     time.map(|time: f64| time + 0.0).ok_or_else(|| format!("expected seconds, {}", ANY.range))
@@ -460,8 +460,13 @@ pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     if let Some(errors) = SceneErrors::not_utf8(&origin, &bytes) {
         return Err(errors.into());
     }
+    Ok(load_scene(&String::from_utf8_lossy(&bytes), path)?)
+}
+
+/// The scene of a text from the file at `path`, and the files beside that which it names.
+pub(super) fn load_scene(text: &str, path: &Path) -> Result<Scene, SceneErrors> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    Ok(Scene::load(&String::from_utf8_lossy(&bytes), &origin, &|file| read_input(&folder.join(file)))?)
+    Scene::load(text, &path.display().to_string(), &|file| read_input(&folder.join(file)))
 }
 
 /// An estimate for a radius that is read from a file.

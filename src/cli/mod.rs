@@ -5,6 +5,7 @@
 
 mod bake;
 mod compare;
+mod convert;
 mod disk;
 mod estimate;
 mod failure;
@@ -72,6 +73,8 @@ enum Command {
     Slice(slice::Arguments),
     /// Tell how a scene, an OpenVDB file or an image differs from another
     Compare(compare::Arguments),
+    /// Convert between formats of volumes: an OpenVDB file to a .vol file for Mitsuba
+    Convert(convert::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
 }
@@ -91,6 +94,7 @@ impl Cli {
             Command::Sample(arguments) => sample::run(arguments, &self.global),
             Command::Slice(arguments) => slice::run(arguments, &self.global),
             Command::Compare(arguments) => compare::run(arguments, &self.global),
+            Command::Convert(arguments) => convert::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
         }
     }

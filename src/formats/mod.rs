@@ -5,3 +5,4 @@ pub mod exr;
 pub mod npy;
 pub mod png;
 pub mod vdb;
+pub mod vol;

@@ -35,6 +35,7 @@
 
 mod baked;
 mod bins;
+mod blackbody;
 mod camera;
 mod display;
 mod grid;
@@ -52,6 +53,7 @@ mod tests;
 mod tiles;
 
 pub use baked::{Baked, BakedError, Meaning};
+pub use blackbody::black_body;
 pub use camera::{Camera, Ray};
 pub use display::Developed;
 pub use grid::Grid;

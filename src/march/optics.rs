@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::blackbody::black_body;
 use crate::scene::{self, Light};
 
 /// As many suns and points as a picture takes.
@@ -75,7 +76,8 @@ impl Optics {
             extinction: medium.extinction.max(LEAST),
             albedo: medium.albedo.into(),
             anisotropy: medium.anisotropy,
-            emission: medium.emission.into(),
+            emission: DVec3::from(medium.emission)
+                * medium.temperature.map_or(DVec3::ONE, |kelvin| black_body(kelvin).into()),
             lamps,
             ambient,
         }

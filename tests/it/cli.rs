@@ -97,8 +97,8 @@ fn help_lists_the_commands_there_are() {
     let help = text(&output);
     let commands = help.split("Commands:").nth(1).and_then(|rest| rest.split("\n\n").next()).expect("a list");
     let names: Vec<&str> = commands.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(names, ["bake", "plan", "sample", "slice", "compare", "info", "help"]);
-    for name in ["bake", "plan", "sample", "slice", "compare", "info"] {
+    assert_eq!(names, ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "help"]);
+    for name in ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info"] {
         assert_eq!(code(&folder.run(&[name, "--help"])), 0);
     }
 }
@@ -122,6 +122,8 @@ fn usage_is_2() {
         &["bake", "bent.toml", "--precision", "f64"],
         &["bake", "bent.toml", "-o", "bent.exr"],
         &["bake", "bent.toml", "-o", "."],
+        &["info", "bent.toml", "--size", "16"],
+        &["convert", "bent.toml", "bent.vol"],
     ] {
         let output = folder.run(arguments);
         assert_eq!(code(&output), 2, "{arguments:?}: {}", errors(&output));

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::view::View;
 use crate::cli::job::{bounds, dimensions, voxel_size};
 use crate::cli::recipe::antialias_name;
 use crate::cli::text;
@@ -30,6 +31,8 @@ pub(super) struct Report {
     inputs: Vec<InputReport>,
     /// What is hardly meant, each with its line and column.
     warnings: Vec<String>,
+    /// What another renderer needs.
+    pub(super) view: Option<View>,
 }
 
 #[derive(Debug, Serialize)]
@@ -82,6 +85,7 @@ pub(super) fn describe(scene: &Scene) -> Result<Report, SceneErrors> {
         lights: scene.lights().len(),
         inputs: scene.inputs().iter().map(input).collect(),
         warnings: text::warnings(scene.warnings()),
+        view: None,
     })
 }
 

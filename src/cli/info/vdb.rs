@@ -4,11 +4,15 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
+use glam::DVec3;
 use serde::Serialize;
 
+use super::view::{self, Size, View};
 use crate::cli::memory::Amount;
-use crate::cli::{Failure, text};
+use crate::cli::{Failure, job, text};
 use crate::formats::vdb::{GridInfo, Meta, Metadata, list_grids};
+use crate::scene::SceneErrors;
+use crate::scene::limit::ANY;
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -26,6 +30,8 @@ pub(super) struct Report {
     out_of_reach: usize,
     /// Why the file cannot be read to its end.
     error: Option<String>,
+    /// What another renderer needs; null where the scene in the file cannot be read.
+    pub(super) view: Option<View>,
 }
 
 #[derive(Debug, Serialize)]
@@ -148,8 +154,37 @@ pub(super) fn read(path: &Path) -> Result<(Report, Option<Failure>), Failure> {
         grids: (0..).zip(&info.grids).map(|(number, info)| grid(info, number < listing.whole)).collect(),
         out_of_reach: info.out_of_reach,
         error,
+        view: None,
     };
     Ok((report, failure))
+}
+
+/// The view of the scene that the file was baked from, at its time; other files that it names are looked for beside this
+/// one. Of files that carry none, that of an empty scene, framed to the density.
+pub(super) fn view(report: &Report, path: &Path, size: Size) -> Result<View, SceneErrors> {
+    let text = |name| match report.metadata.get(name) {
+        Some(Value::Text(text)) => text,
+        _ => "",
+    };
+    let settings: serde_json::Value = serde_json::from_str(text("vdbake_settings")).unwrap_or_default();
+    let time = settings["time"].as_f64().filter(|time| ANY.admits(*time)).unwrap_or(0.0);
+    let scene = job::load_scene(text("vdbake_scene"), path)?.at(time)?;
+    let named = report.grids.iter().find(|grid| grid.name == "density");
+    Ok(view::view(&scene, named.or(report.grids.first()).and_then(bounds), size))
+}
+
+/// Corners in metres of the box of a grid's active voxels, as its metadata tell it.
+fn bounds(grid: &Grid) -> Option<[DVec3; 2]> {
+    let (rows, ends) = (grid.matrix?, grid.bbox?);
+    let corner = |number: usize| {
+        let index = DVec3::from([0, 1, 2].map(|axis| f64::from(ends[number >> axis & 1][axis])));
+        DVec3::from(rows.map(|[x, y, z, w]| DVec3::new(x, y, z).dot(index) + w))
+    };
+    let corners = (0..8).map(corner);
+    let [low, high] = corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], corner| {
+        [low.min(corner), high.max(corner)]
+    });
+    (low.is_finite() && high.is_finite()).then_some([low, high])
 }
 
 fn values(metadata: &Metadata) -> BTreeMap<String, Value> {

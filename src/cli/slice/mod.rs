@@ -1,7 +1,7 @@
 //! `vdbake slice`: planes of voxels as images.
 
 mod picture;
-mod source;
+pub(super) mod source;
 mod target;
 
 use std::path::PathBuf;
@@ -96,7 +96,12 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
     let report = pool.install(|| {
-        let mut sliced = if is_file { Sliced::of_file(arguments)? } else { Sliced::of_scene(arguments)? };
+        let mut sliced = if is_file {
+            let (axis, budget) = (arguments.axis.into(), arguments.scene.budget().bytes());
+            Sliced::of_file(&arguments.file, arguments.grid.as_deref(), axis, budget)?
+        } else {
+            Sliced::of_scene(arguments)?
+        };
         if sliced.is_empty {
             global.note(&format!("{} holds nothing: one voxel is shown", arguments.file.display()));
         }

@@ -23,23 +23,23 @@ use crate::volume::{
 const READING: u64 = 8 << 20;
 
 /// The values of a plane, in rows from the top.
-pub(super) enum Plane {
+pub(in crate::cli) enum Plane {
     Numbers(Vec<f32>),
     Vectors([Vec<f32>; 3]),
 }
 
 /// What is sliced.
-pub(super) struct Sliced {
-    pub(super) slicing: Slicing,
+pub(in crate::cli) struct Sliced {
+    pub(in crate::cli) slicing: Slicing,
     /// Whether there is nothing; then it is of one voxel, since no image is of none.
-    pub(super) is_empty: bool,
-    pub(super) grid: String,
+    pub(in crate::cli) is_empty: bool,
+    pub(in crate::cli) grid: String,
     /// Rows of A in `world = A (i, j, k, 1)`, where the integer point (i, j, k) is a voxel's centre.
-    pub(super) index_to_world: Option<[[f64; 4]; 3]>,
+    pub(in crate::cli) index_to_world: Option<[[f64; 4]; 3]>,
     /// Whether values are stored as 16-bit floats.
     pub(super) half: bool,
     /// Whether values are vectors.
-    pub(super) is_vector: bool,
+    pub(in crate::cli) is_vector: bool,
     /// Seconds after the start frame, of scenes.
     pub(super) time: Option<f64>,
     values: Values,
@@ -117,7 +117,7 @@ impl Sliced {
             [first, last.max(first)].map(|corner| corner.to_array().map(|i| i as i32))
         });
         Ok(Sliced {
-            slicing: slicing(arguments, bounds),
+            slicing: slicing(arguments.axis.into(), bounds),
             is_empty: bounds.is_none(),
             grid: "density".to_owned(),
             index_to_world: Some([[h, 0.0, 0.0, 0.5 * h], [0.0, h, 0.0, 0.5 * h], [0.0, 0.0, h, 0.5 * h]]),
@@ -133,20 +133,24 @@ impl Sliced {
         })
     }
 
-    /// A grid of a file.
-    pub(super) fn of_file(arguments: &Arguments) -> Result<Sliced, Failure> {
-        let (path, budget) = (&arguments.file, arguments.scene.budget().bytes());
+    /// A grid of a file: the one of this name, if one is given. Of its values none is read yet.
+    pub(in crate::cli) fn of_file(
+        path: &Path,
+        grid: Option<&str>,
+        axis: Axis,
+        budget: u64,
+    ) -> Result<Sliced, Failure> {
         let failed = |error: VdbReadError| unread(path, error);
         let file = File::open(path)
             .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;
         let mut file = VdbFile::open_within(file, budget.saturating_sub(PROCESS)).map_err(failed)?;
-        let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
+        let Choice { number, label } = choose(file.info(), grid, failed)?;
         // Its nodes alone, to know its box.
         let PartialGrid { info, tree } = file.grid_part_at(number, &Part::around([])).map_err(failed)?;
         let (stats, is_vector) = (stats(&tree), is_vector(&tree));
-        let cost = cost(&tree, Axis::from(arguments.axis).number());
+        let cost = cost(&tree, axis.number());
         Ok(Sliced {
-            slicing: slicing(arguments, stats.bounds),
+            slicing: slicing(axis, stats.bounds),
             is_empty: stats.bounds.is_none(),
             grid: label,
             index_to_world: info.map.matrix,
@@ -160,7 +164,12 @@ impl Sliced {
 
     /// Settles how values of these planes are held within a budget: all of them where there is room, else layer by layer. Gives
     /// the bytes that they take at most, which may be more than the budget.
-    pub(super) fn settle(&mut self, planes: &[usize], budget: u64, path: &Path) -> Result<u64, Failure> {
+    pub(in crate::cli) fn settle(
+        &mut self,
+        planes: &[usize],
+        budget: u64,
+        path: &Path,
+    ) -> Result<u64, Failure> {
         if let (Values::File { file, number }, Some(whole)) =
             (&mut self.values, self.cost.whole(&self.slicing))
             && whole <= budget
@@ -173,7 +182,7 @@ impl Sliced {
     }
 
     /// Planes of one layer of leaves.
-    pub(super) fn planes(
+    pub(in crate::cli) fn planes(
         &mut self,
         slicing: &Slicing,
         planes: &Range<usize>,
@@ -198,8 +207,7 @@ impl Sliced {
 }
 
 /// Of a box, or of one voxel where there is none.
-fn slicing(arguments: &Arguments, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
-    let axis = arguments.axis.into();
+fn slicing(axis: Axis, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
     bounds.and_then(|bounds| Slicing::new(axis, bounds)).unwrap_or_else(|| Slicing::of_voxel(axis, [0; 3]))
 }
 
