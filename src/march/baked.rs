@@ -274,6 +274,8 @@ fn through_cells<R: Real<Scalar = f32>>(
         crossing[axis] = R::select(stands, never, (face - group.position[axis]) / along);
         spacing[axis] = R::select(stands, never, one / along.abs());
     }
+    // Shadows are kept for every second cell, about: light is gathered as often.
+    let mut is_second = false;
     for _ in 0..MOST_STEPS {
         let going = group.going(token, wanted);
         if R::bitmask(going) == 0 {
@@ -293,12 +295,14 @@ fn through_cells<R: Real<Scalar = f32>>(
             from[axis] = group.position[axis] - cell[axis];
         }
         let mut arrives = going;
+        let mut is_dense = false;
         if lit.lamps > 0 {
             let c = &corners.0;
             let most = c[0].most(c[1]).most(c[2].most(c[3])).most(c[4].most(c[5]).most(c[6].most(c[7])));
             let longest = R::constant(token, LONGEST);
             let dense = R::constant(token, 1.5 * LONGEST).lt(most * group.extinction * length);
-            if R::bitmask(dense) != 0 {
+            is_dense = R::bitmask(dense) != 0;
+            if is_dense {
                 // From here the density grows by no more than this for a cell's length.
                 let slope = most * R::constant(token, 3.0_f64.sqrt()) * group.extinction;
                 let here = corners.at(along(&group, &from, group.at)).most(zero) * group.extinction;
@@ -315,14 +319,23 @@ fn through_cells<R: Real<Scalar = f32>>(
         let far = corners.at(along(&group, &from, group.at + length * R::constant(token, GAUSS[1])));
         let depth = ((near + far) * length * half * group.extinction).most(zero);
         let depth = R::select(going, depth, zero);
-        group.go(token, lit, length, depth);
+        if is_dense && is_second {
+            // What is longer than that already.
+            group.gather(token, lit);
+        }
+        group.go(token, length, depth);
         // Rays that have reached the face: exactly there, so that rounding does not add up.
         group.at = R::select(arrives, next.most(group.at), group.at);
         for axis in 0..3 {
             let crossed = R::and(arrives, crossing[axis].le(next));
             crossing[axis] = R::select(crossed, crossing[axis] + spacing[axis], crossing[axis]);
         }
+        if is_second || is_dense || lit.is_fine() {
+            group.gather(token, lit);
+        }
+        is_second = !(is_second || is_dense);
     }
+    group.gather(token, lit);
     group
 }
 

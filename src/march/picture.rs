@@ -217,7 +217,7 @@ impl<'a> Picture<'a> {
             let table: &[f32] = if self.optics.lamps.is_empty() {
                 &[]
             } else {
-                self.tables[number].get_or_init(|| self.shadows.table(grid, block))
+                self.tables[number].get_or_init(|| self.shadows.table(grid, block, self.level))
             };
             let lit = Lit::new(self.optics, grid, block, table, self.shadows.edge);
             let brick = Brick { block, seen, wanted, lit: &lit };

@@ -265,7 +265,7 @@ impl WithLevel for Through<'_> {
         let first = walk.first;
         let mut group = Group::<R>::new(token, rays, hits, first, wanted);
         let zero = R::constant(token, 0.0);
-        group.at = R::load(token, &walk.at);
+        group.start(R::load(token, &walk.at));
         let end = R::load(token, &walk.end);
         let length = R::load(token, &walk.length);
         // A ray that has come to segments too dense for their length waits there.
@@ -294,7 +294,8 @@ impl WithLevel for Through<'_> {
                 densest = R::select(dense, near.most(far) * group.extinction, densest);
             }
             depth = R::select(goes, depth, zero);
-            group.go(token, lit, R::select(goes, length, zero), depth);
+            group.go(token, R::select(goes, length, zero), depth);
+            group.gather(token, lit);
         }
         let seeing = (group.before + group.depth).lt(R::constant(token, wanted.deepest));
         let (mut at, mut dense, mut waiting) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);

@@ -72,6 +72,14 @@ impl<'a> Lit<'a> {
     }
 }
 
+impl Lit<'_> {
+    /// Whether shadows are kept for every cell.
+    #[inline(always)]
+    pub(super) fn is_fine(&self) -> bool {
+        self.edge == FINE
+    }
+}
+
 /// A group of rays on their way through a brick. Lengths are in cells.
 pub(super) struct Group<R> {
     pub(super) position: [R; 3],
@@ -89,7 +97,10 @@ pub(super) struct Group<R> {
     transmittance: R,
     /// What lamps add, dimmed from the brick's edge.
     light: [R; MOST_LAMPS],
-    /// The lamps' light where the rays are, if `is_known`.
+    /// How far the lamps' light is gathered, and the optical depth up to there.
+    gathered: R,
+    gathered_depth: R,
+    /// The lamps' light there, if `is_known`.
     source: [R; MOST_LAMPS],
     is_known: bool,
     half: R,
@@ -126,6 +137,8 @@ impl<R: Real<Scalar = f32>> Group<R> {
             depth: zero,
             transmittance: one,
             light: [zero; MOST_LAMPS],
+            gathered: begin,
+            gathered_depth: zero,
             source: [zero; MOST_LAMPS],
             is_known: false,
             half: R::constant(token, 1e30),
@@ -133,39 +146,56 @@ impl<R: Real<Scalar = f32>> Group<R> {
         }
     }
 
+    /// Begins farther on.
+    #[inline(always)]
+    pub(super) fn start(&mut self, at: R) {
+        self.at = at;
+        self.gathered = at;
+    }
+
     /// Goes on by `length` through a segment with the optical depth `depth`; both are 0 in lanes that have arrived.
     #[inline(always)]
-    pub(super) fn go(&mut self, token: R::Token, lit: &Lit<'_>, length: R, depth: R) {
-        let zero = R::constant(token, 0.0);
+    pub(super) fn go(&mut self, token: R::Token, length: R, depth: R) {
         // Nothing is seen behind so much, and what follows stays finite.
         let depth = depth.least(R::constant(token, 1e30));
-        let next = self.at + length;
-        if R::bitmask(zero.lt(depth)) == 0 {
-            self.at = next;
-            self.is_known = false;
-            return;
-        }
         // Where half of the light is left; within a segment the depth is taken to grow evenly.
         let half = R::constant(token, std::f64::consts::LN_2);
         let seen = self.before + self.depth;
         let crosses = R::and(seen.lt(half), half.le(seen + depth));
-        let part = (half - seen) / depth;
-        self.half = R::select(crosses, self.at + part * length, self.half);
-        self.depth = self.depth + depth;
-        if lit.lamps > 0 {
-            let weights = Weights::new(token, depth);
-            for lamp in 0..lit.lamps {
-                let near =
-                    if self.is_known { self.source[lamp] } else { self.lamp(token, lit, lamp, self.at) };
-                let far = self.lamp(token, lit, lamp, next);
-                let gathered = near * weights.near + far * weights.far;
-                self.light[lamp] = self.light[lamp] + self.transmittance * gathered;
-                self.source[lamp] = far;
-            }
-            self.is_known = true;
-            self.transmittance = self.transmittance * weights.transmittance;
+        if R::bitmask(crosses) != 0 {
+            let part = (half - seen) / depth;
+            self.half = R::select(crosses, self.at + part * length, self.half);
         }
-        self.at = next;
+        self.depth = self.depth + depth;
+        self.at = self.at + length;
+    }
+
+    /// Adds the lamps' light from all segments since this was last done, as one.
+    #[inline(always)]
+    pub(super) fn gather(&mut self, token: R::Token, lit: &Lit<'_>) {
+        if lit.lamps == 0 {
+            return;
+        }
+        let zero = R::constant(token, 0.0);
+        let depth = self.depth - self.gathered_depth;
+        if R::bitmask(zero.lt(depth)) == 0 {
+            self.gathered = self.at;
+            self.is_known = false;
+            return;
+        }
+        let weights = Weights::new(token, depth);
+        for lamp in 0..lit.lamps {
+            let near =
+                if self.is_known { self.source[lamp] } else { self.lamp(token, lit, lamp, self.gathered) };
+            let far = self.lamp(token, lit, lamp, self.at);
+            let gathered = near * weights.near + far * weights.far;
+            self.light[lamp] = self.light[lamp] + self.transmittance * gathered;
+            self.source[lamp] = far;
+        }
+        self.is_known = true;
+        self.transmittance = self.transmittance * weights.transmittance;
+        self.gathered = self.at;
+        self.gathered_depth = self.depth;
     }
 
     /// The light of a lamp that arrives at a place along the rays and leaves towards the eye; of suns without the phase

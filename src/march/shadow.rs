@@ -12,10 +12,10 @@ use super::grid::Grid;
 use super::medium::{Brick, Medium, Way};
 use super::optics::{Lamp, Optics};
 use super::procedural::Worker;
-use super::rays::RAYS;
+use super::rays::{RAYS, single};
 use super::shade::{COARSE, FINE, Lit, Wanted};
 use super::tiles::{TILE, Tiles};
-use crate::num::Level;
+use crate::num::{Level, Real, WithLevel, with_level};
 
 /// Rays along an edge of a map at most.
 const MOST_RAYS: f64 = 4096.0;
@@ -75,23 +75,56 @@ impl Shadows {
     }
 
     /// The optical depths towards each lamp at the points of a brick's table.
-    pub(super) fn table(&self, grid: &Grid, block: [i32; 3]) -> Box<[f32]> {
-        let (edge, points) = (8.0, self.edge);
+    pub(super) fn table(&self, grid: &Grid, block: [i32; 3], level: Level) -> Box<[f32]> {
+        let edge = 8.0;
         let corner = DVec3::from(block.map(|c| f64::from(c) * edge));
         let first = grid.to_world(corner);
         #[allow(clippy::cast_precision_loss, reason = "small")]
-        let step = edge / (points - 1) as f64;
+        let step = edge / (self.edge - 1) as f64;
         let steps = DVec3::AXES.map(|axis| grid.to_world(corner + axis * step) - first);
-        let mut table = Vec::with_capacity(points * points * points * self.lamps.len());
-        for lamp in &self.lamps {
-            for n in 0..points * points * points {
-                #[allow(clippy::cast_precision_loss, reason = "small")]
-                let at = [n / points / points, n / points % points, n % points].map(|c| c as f64);
-                let world = first + steps[0] * at[0] + steps[1] * at[1] + steps[2] * at[2];
-                table.push(lamp.depth(world));
-            }
+        let points = self.edge * self.edge * self.edge;
+        let mut table = vec![0.0; points * self.lamps.len()];
+        for (lamp, table) in self.lamps.iter().zip(table.chunks_exact_mut(points)) {
+            fill(level, Fill { lamp, first, steps, edge: self.edge, table });
         }
         table.into()
+    }
+}
+
+/// The optical depths from a lamp to the points of a table.
+struct Fill<'a> {
+    lamp: &'a Shadow,
+    first: DVec3,
+    steps: [DVec3; 3],
+    edge: usize,
+    table: &'a mut [f32],
+}
+
+#[inline(never)]
+fn fill(level: Level, code: Fill<'_>) {
+    with_level(level, code);
+}
+
+impl WithLevel for Fill<'_> {
+    type Output = ();
+    // No lanes, but instructions for rounding that not every processor has.
+    #[inline(always)]
+    fn run<R: Real<Scalar = f32>>(self, _: R::Token) {
+        let mut row = self.first;
+        let mut at = 0;
+        for _ in 0..self.edge {
+            let mut column = row;
+            for _ in 0..self.edge {
+                let mut point = column;
+                for _ in 0..self.edge {
+                    self.table[at] = self.lamp.depth(point);
+                    point += self.steps[2];
+                    at += 1;
+                }
+                column += self.steps[1];
+            }
+            row += self.steps[0];
+        }
     }
 }
 
@@ -117,7 +150,7 @@ fn cameras(
                 |axis: DVec3| corners.iter().map(|c| (*c - centre).dot(axis).abs()).fold(0.0, f64::max);
             let [across, above, deep] = [right, up, *direction].map(reach);
             let pitch = pitch.max(2.0 * across.max(above) / MOST_RAYS);
-            let rays = |reach: f64| (2.0 * reach / pitch).ceil() + 2.0;
+            let rays = |reach: f64| (2.0 * reach / pitch).ceil() + 3.0;
             let [columns, rows] = [rays(across), rays(above)];
             let camera = Camera {
                 eye: centre - *direction * deep,
@@ -222,37 +255,38 @@ impl Map {
     }
 
     /// The optical depth from the lamp to a point, if it is in the map's part of space.
+    #[inline(always)]
     fn depth(&self, point: DVec3) -> Option<f32> {
         let to = point - self.camera.eye;
         let forward = to.dot(self.camera.forward);
-        let mut place = DVec2::new(to.dot(self.camera.right), to.dot(self.camera.up)) / self.camera.half;
+        let mut across = to.dot(self.camera.right) / self.camera.half.x;
+        let mut above = to.dot(self.camera.up) / self.camera.half.y;
         let mut distance = forward;
         if !self.camera.is_orthographic {
             // A little beyond the right angle: which of two maps is taken on their border does not matter.
             if to.abs().max_element() > forward * (1.0 + 1e-9) {
                 return None;
             }
-            place /= forward;
+            (across, above) = (across / forward, above / forward);
             distance = to.length();
         }
         #[allow(clippy::cast_precision_loss, reason = "small")]
         let rays = [self.size[0] as f64, self.size[1] as f64];
-        let x = 0.5 * (place.x + 1.0) * rays[0] - 0.5;
-        let y = 0.5 * (1.0 - place.y) * rays[1] - 0.5;
-        let (left, top) = (x.floor(), y.floor());
-        let [s, t] = [x - left, y - top];
+        let x = (0.5 * (across + 1.0) * rays[0] - 0.5).clamp(0.0, rays[0] - 1.0);
+        let y = (0.5 * (1.0 - above) * rays[1] - 0.5).clamp(0.0, rays[1] - 1.0);
+        let [left, top] = [whole(x).min(self.size[0] - 2), whole(y).min(self.size[1] - 2)];
+        #[allow(clippy::cast_precision_loss, reason = "small")]
+        let [s, t] = [x - left as f64, y - top as f64];
         let pieces = distance / self.step;
-        let at = |column: f64, row: f64| {
-            let column = column.clamp(0.0, rays[0] - 1.0);
-            let row = row.clamp(0.0, rays[1] - 1.0);
-            self.along(whole(row) * self.size[0] + whole(column), pieces)
-        };
-        let above = at(left, top) * (1.0 - s) + at(left + 1.0, top) * s;
-        let below = at(left, top + 1.0) * (1.0 - s) + at(left + 1.0, top + 1.0) * s;
-        Some(super::rays::single(above * (1.0 - t) + below * t))
+        let first = top * self.size[0] + left;
+        let above = self.along(first, pieces) * (1.0 - s) + self.along(first + 1, pieces) * s;
+        let first = first + self.size[0];
+        let below = self.along(first, pieces) * (1.0 - s) + self.along(first + 1, pieces) * s;
+        Some(single(above * (1.0 - t) + below * t))
     }
 
     /// The optical depth along a ray, so many pieces from its origin.
+    #[inline(always)]
     fn along(&self, ray: usize, pieces: f64) -> f64 {
         let (start, first, count) = self.rays[ray];
         let local = pieces - f64::from(first);
@@ -260,10 +294,14 @@ impl Map {
             return 0.0;
         }
         let depths = &self.depths[start..start + count as usize];
-        let piece = whole(local.floor());
-        let after = |piece: usize| f64::from(depths[piece.min(depths.len() - 1)]);
-        let before = if piece == 0 { 0.0 } else { after(piece - 1) };
-        before + (after(piece) - before) * (local - local.floor())
+        let piece = whole(local).min(depths.len());
+        let before = if piece == 0 { 0.0 } else { f64::from(depths[piece - 1]) };
+        if piece == depths.len() {
+            return before;
+        }
+        #[allow(clippy::cast_precision_loss, reason = "small")]
+        let part = local - piece as f64;
+        before + (f64::from(depths[piece]) - before) * part
     }
 }
 
@@ -276,7 +314,7 @@ fn running(depths: &[f32]) -> (u32, Vec<f32>) {
         .iter()
         .map(|depth| {
             sum += f64::from(*depth);
-            super::rays::single(sum)
+            single(sum)
         })
         .collect();
     (u32::try_from(first).unwrap_or(0), sums)
@@ -284,7 +322,13 @@ fn running(depths: &[f32]) -> (u32, Vec<f32>) {
 
 impl Shadow {
     /// The optical depth from the lamp to a point.
+    #[inline(always)]
     fn depth(&self, point: DVec3) -> f32 {
-        self.maps.iter().find_map(|map| map.depth(point)).unwrap_or(0.0)
+        for map in &self.maps {
+            if let Some(depth) = map.depth(point) {
+                return depth;
+            }
+        }
+        0.0
     }
 }
