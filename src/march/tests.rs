@@ -216,7 +216,7 @@ fn light_along_the_view_has_its_closed_forms() {
                 let truth = 0.8 * phase * 2.0 * gathered;
                 let found = film.radiance[pixel][0];
                 // What shadows that are kept for every cell miss where the density begins within one.
-                assert!((found - truth).abs() < 0.02 * 0.8 * phase, "{pixel}: {found}, not {truth}");
+                assert!((found - truth).abs() < 0.03 * 0.8 * phase, "{pixel}: {found}, not {truth}");
                 assert!((film.radiance[pixel][2] * 4.0 - found).abs() < 1e-12);
             }
         }

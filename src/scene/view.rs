@@ -113,8 +113,12 @@ fn light(table: &Reader<'_>) -> Light {
         let item = table.get(key);
         item.and_then(|item| item.vector_or_number(&limit::NOT_NEGATIVE)).unwrap_or([1.0; 3])
     };
+    let place = |key| table.vector(key, &limit::ANY);
+    // All of them, so that what is wrong with one is told even where it means nothing.
+    let [irradiance, intensity, radiance] = ["irradiance", "intensity", "radiance"].map(colour);
+    let [direction, position] = ["direction", "position"].map(place);
     match kind {
-        Kind::Ambient => Light::Ambient { radiance: colour("radiance") },
+        Kind::Ambient => Light::Ambient { radiance },
         Kind::Point => {
             if table.get("position").is_none() {
                 table.report(
@@ -122,22 +126,17 @@ fn light(table: &Reader<'_>) -> Light {
                         .label("expected `position = [x, y, z]`"),
                 );
             }
-            let position = table.vector("position", &limit::ANY).unwrap_or([0.0; 3]);
-            Light::Point { position, intensity: colour("intensity") }
+            Light::Point { position: position.unwrap_or([0.0; 3]), intensity }
         }
         Kind::Sun => {
-            let direction = table.vector("direction", &limit::ANY).unwrap_or(DIRECTION);
-            let unit = DVec3::from_array(direction).try_normalize();
+            let unit = DVec3::from_array(direction.unwrap_or(DIRECTION)).try_normalize();
             if let (None, Some(item)) = (unit, table.get("direction")) {
                 table.report(
                     Fault::at(item.span(), "`direction` has no length")
                         .label("expected a vector other than 0"),
                 );
             }
-            Light::Sun {
-                direction: unit.unwrap_or(DVec3::NEG_Z).to_array(),
-                irradiance: colour("irradiance"),
-            }
+            Light::Sun { direction: unit.unwrap_or(DVec3::NEG_Z).to_array(), irradiance }
         }
     }
 }

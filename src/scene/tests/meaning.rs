@@ -134,7 +134,8 @@ fn empty_text_is_an_empty_scene_named_after_its_file() {
     assert_eq!(name(""), "scene");
     assert_eq!(name(".."), "scene");
     let scene = scene("");
-    assert!(scene.tubes().is_empty() && scene.lights().is_empty());
+    assert!(scene.tubes().is_empty());
+    assert!(matches!(scene.lights(), [Light::Sun { .. }, Light::Ambient { .. }]));
     assert_eq!(scene.bake().step, Step::Resolution(256));
     assert_eq!((scene.bake().cutoff, scene.bake().octave_fade), (0.0, true));
     assert_eq!(scene.time(), TimeBase { fps: 24.0, start: 1, end: None });
