@@ -95,4 +95,12 @@ impl Medium<'_> {
             Medium::Procedural(procedural) => procedural.densities(brick, places, level, worker, out),
         }
     }
+
+    /// A density that no place of a brick is above.
+    pub(super) fn majorant(&self, brick: usize, worker: &mut Worker) -> f32 {
+        match self {
+            Medium::Baked(baked) => baked.majorant(brick),
+            Medium::Procedural(procedural) => procedural.majorant(brick, worker),
+        }
+    }
 }

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::exact::Towards;
 use super::grid::{EDGE, Grid};
 use super::optics::{Lamp, MOST_LAMPS, Optics};
 use super::rays::{Hits, LANES, Rays, single};
@@ -26,7 +27,7 @@ pub(super) struct Wanted {
 }
 
 /// The lamps as a brick sees them.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(super) struct Lit<'a> {
     pub(super) lamps: usize,
     /// The optical depth towards each lamp, at the points of the brick's table.
@@ -36,6 +37,8 @@ pub(super) struct Lit<'a> {
     /// Columns: metres in the world for a cell along each axis.
     cell: [[f32; 3]; 3],
     anisotropy: f32,
+    /// Where no table is to be read.
+    pub(super) exact: Option<&'a Towards<'a>>,
 }
 
 impl<'a> Lit<'a> {
@@ -49,6 +52,7 @@ impl<'a> Lit<'a> {
             points: [None; MOST_LAMPS],
             cell: DVec3::AXES.map(|axis| (grid.to_world(axis) - zero).to_array().map(single)),
             anisotropy: single(optics.anisotropy),
+            exact: None,
         };
         let tables = shadows.chunks_exact(SHADOWS).map(Some).chain(std::iter::repeat(None));
         for ((lamp, table), (shadow, point)) in
@@ -77,12 +81,12 @@ pub(super) struct Group<R> {
     dimmed: R,
     /// From there to where they are.
     pub(super) depth: R,
-    transmittance: R,
+    pub(super) transmittance: R,
     /// What lamps add, dimmed from the brick's edge.
-    light: [R; MOST_LAMPS],
-    /// The lamps' light where the rays are, if `is_known`.
-    source: [R; MOST_LAMPS],
-    is_known: bool,
+    pub(super) light: [R; MOST_LAMPS],
+    /// The lamps' light where the rays are, if `is_known`; with exact shadows, the optical depths towards them.
+    pub(super) source: [R; MOST_LAMPS],
+    pub(super) is_known: bool,
     half: R,
     /// Metres for a cell, along each ray.
     metres: R,
@@ -141,7 +145,9 @@ impl<R: Real<Scalar = f32>> Group<R> {
         let part = (half - seen) / depth;
         self.half = R::select(crosses, self.at + part * length, self.half);
         self.depth = self.depth + depth;
-        if lit.lamps > 0 {
+        if let Some(towards) = lit.exact {
+            self.gather(token, lit, towards, length, depth);
+        } else if lit.lamps > 0 {
             let weights = Weights::new(token, depth);
             for lamp in 0..lit.lamps {
                 let near =
@@ -160,7 +166,7 @@ impl<R: Real<Scalar = f32>> Group<R> {
     /// The light of a lamp that arrives at a place along the rays and leaves towards the eye; of suns without the phase
     /// function.
     #[inline(always)]
-    fn lamp(&self, token: R::Token, lit: &Lit<'_>, lamp: usize, at: R) -> R {
+    pub(super) fn lamp(&self, token: R::Token, lit: &Lit<'_>, lamp: usize, at: R) -> R {
         let mut place = self.position;
         for axis in 0..3 {
             place[axis] = place[axis] + at * self.direction[axis];

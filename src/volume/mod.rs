@@ -24,7 +24,7 @@ pub(crate) mod shape;
 mod slice;
 mod store;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 mod total;
 mod transform;
 pub(crate) mod tree;

@@ -7,7 +7,7 @@ use super::shape::{Leaf, Tile, align};
 use super::tree::{PAGE, RootTile, Tree, offset};
 
 /// splitmix64 (Steele, Lea, Flood 2014).
-pub(super) fn random(state: &mut u64) -> u64 {
+pub(crate) fn random(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -15,7 +15,7 @@ pub(super) fn random(state: &mut u64) -> u64 {
 }
 
 /// Uniform in [0, 1).
-pub(super) fn unit(state: &mut u64) -> f64 {
+pub(crate) fn unit(state: &mut u64) -> f64 {
     f64::from(u32::try_from(random(state) >> 32).expect("32 bits")) / 4_294_967_296.0
 }
 
@@ -38,7 +38,7 @@ pub(super) fn checkered() -> Tree<f32> {
 }
 
 /// A tree of active leaves and tiles. Values are asked for leaf by leaf, in the order of the tree.
-pub(super) fn tree(
+pub(crate) fn tree(
     background: f32,
     leaves: &[[i32; 3]],
     tiles: &[Tile],

@@ -87,18 +87,17 @@ fn layers(film: &Film, background: Option<DVec3>) -> Part {
     let colour = |axis: usize| samples(developed.colour.iter().map(|colour| colour[axis]).collect());
     let count = f64::from(film.samples.max(1));
     let mean = |sums: &[f64]| samples(sums.iter().map(|sum| sum / count).collect());
-    Part {
-        name: "picture".to_owned(),
-        pixels: film.size,
-        channels: vec![
-            ("R", colour(0)),
-            ("G", colour(1)),
-            ("B", colour(2)),
-            ("A", samples(developed.alpha.clone())),
-            ("transmittance.Y", mean(&film.transmittance)),
-            ("opticalDepth.Y", mean(&film.depth)),
-            ("depth.Z", samples(film.half.clone())),
-        ],
-        attribute: "{}".to_owned(),
+    let mut channels = vec![
+        ("R", colour(0)),
+        ("G", colour(1)),
+        ("B", colour(2)),
+        ("A", samples(developed.alpha.clone())),
+        ("transmittance.Y", mean(&film.transmittance)),
+        ("opticalDepth.Y", mean(&film.depth)),
+        ("depth.Z", samples(film.half.clone())),
+    ];
+    if let Some(errors) = film.errors() {
+        channels.push(("noise.Y", samples(errors)));
     }
+    Part { name: "picture".to_owned(), pixels: film.size, channels, attribute: "{}".to_owned() }
 }
