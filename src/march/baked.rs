@@ -228,6 +228,13 @@ impl Baked {
         self.values[brick].iter().fold(0.0, |most, value| value.max(most))
     }
 
+    /// The largest density of a cell of a brick.
+    pub(super) fn majorant_of_cell(&self, brick: usize, [x, y, z]: [usize; 3]) -> f32 {
+        let values = &self.values[brick];
+        let corner = |n: usize| values[((x + (n >> 2)) * VALUES + y + (n >> 1 & 1)) * VALUES + z + (n & 1)];
+        (0..8).fold(0.0, |most, n| corner(n).max(most))
+    }
+
     pub(super) fn density(&self, spot: &Spot) -> f32 {
         single(at(&self.values[spot.brick], spot.local))
     }

@@ -6,7 +6,7 @@ use super::grid::GridRay;
 use super::medium::Medium;
 use super::procedural::Worker;
 use super::random::Random;
-use super::walk::{Step, Walk};
+use super::walk::{Cells, Step, Walk};
 
 /// The largest density of every brick of a medium, or a bound of it.
 #[derive(Debug)]
@@ -50,17 +50,26 @@ pub(super) struct Tentative {
 }
 
 /// A particle on its way through the majorants.
+///
+/// Where voxels are so dense that it would collide again and again within a cell, each cell's own majorant takes the place of
+/// its brick's.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flight {
     pub(super) walk: Walk,
-    /// The rest of the brick that it is in.
-    step: Option<Step>,
+    /// The rest of the part of a brick that it is in, with its majorant.
+    part: Option<(Step, f64)>,
+    /// The brick whose cells it goes through, and the rest of them.
+    cells: Option<(Step, Cells)>,
 }
+
+/// Bricks are taken cell by cell where their majorant makes a cell deeper than this.
+const DENSE: f64 = 0.5;
 
 impl Flight {
     /// From one place along a ray to another, in metres.
     pub(super) fn new(guided: &Guided<'_>, ray: &GridRay, range: [f64; 2]) -> Flight {
-        Flight { walk: Walk::new(guided.medium.bricks().nodes(), ray, range), step: None }
+        let walk = Walk::new(guided.medium.bricks().nodes(), ray, range);
+        Flight { walk, part: None, cells: None }
     }
 
     /// The next tentative collision; `None` where it leaves the medium, or comes to the end of its way, before.
@@ -68,19 +77,39 @@ impl Flight {
         // In optical depth of the majorants.
         let mut left = random.exponential();
         loop {
-            let step = match self.step.take() {
-                Some(step) => step,
-                None => self.walk.next(guided.medium.bricks().nodes())?,
+            let (step, majorant) = match self.part.take() {
+                Some(part) => part,
+                None => self.enter(guided)?,
             };
-            let majorant = guided.majorants.of(step.brick);
             let rate = guided.extinction * majorant;
             let depth = rate * (step.end - step.begin);
             if left < depth {
                 let at = (step.begin + left / rate).min(step.end);
-                self.step = Some(Step { begin: at, ..step });
+                self.part = Some((Step { begin: at, ..step }, majorant));
                 return Some(Tentative { step, at, majorant });
             }
             left -= depth;
+        }
+    }
+
+    /// The next part of a brick.
+    fn enter(&mut self, guided: &Guided<'_>) -> Option<(Step, f64)> {
+        loop {
+            if let (Some((step, cells)), Medium::Baked(baked)) = (&mut self.cells, guided.medium) {
+                if let Some((cell, [begin, end])) = cells.next() {
+                    let majorant = f64::from(baked.majorant_of_cell(step.brick, cell));
+                    return Some((Step { begin, end, ..*step }, majorant));
+                }
+                self.cells = None;
+            }
+            let step = self.walk.next(guided.medium.bricks().nodes())?;
+            let majorant = guided.majorants.of(step.brick);
+            let metres = 1.0 / self.walk.line.rate.length();
+            if guided.extinction * majorant * metres > DENSE && matches!(guided.medium, Medium::Baked(_)) {
+                self.cells = Some((step, Cells::new(&self.walk.line, &step)));
+            } else {
+                return Some((step, majorant));
+            }
         }
     }
 }

@@ -296,6 +296,7 @@ mod tests {
         How, baked, camera, film, grey, mean, noisy, patchy, procedural, rough, solid, sun, through,
     };
     use super::*;
+    use crate::volume::testing::tree;
 
     fn paths(seed: u64) -> [How; 2] {
         [How::Plain, How::Paths(seed)]
@@ -344,7 +345,7 @@ mod tests {
                 let [light, error] = mean(&film);
                 let through = through(&film);
                 assert!(through < 0.9 && error < 0.01, "{through}, +- {error}");
-                assert!((light + through - 1.0).abs() < 3.0 * error, "{light} + {through} +- {error}");
+                assert!((light + through - 1.0).abs() < 3.0 * error + 1e-6, "{light} + {through} +- {error}");
             }
         }
     }
@@ -352,7 +353,11 @@ mod tests {
     /// Where next to nothing is scattered twice, paths find what the other integrator does.
     #[test]
     fn single_scattering_is_that_of_the_other_integrator() {
-        let tree = rough(&solid(), 5.0);
+        // Voxels so smooth that the other integrator's segments do for them.
+        let tree = tree(0.0, &solid(), &[], |at| {
+            let place = DVec3::from(at.map(f64::from)) - DVec3::new(1.0, -0.5, 0.3);
+            crate::march::rays::single(5.0 * libm::exp(-place.length_squared() / 18.0))
+        });
         let field = noisy();
         let point =
             Lamp::Point { position: DVec3::new(1.0, -1.5, 0.6), intensity: DVec3::new(1.0, 4.0, 2.0) };
@@ -360,14 +365,12 @@ mod tests {
             for lamps in [vec![sun(DVec3::new(1.0, 0.5, -0.7))], vec![sun(DVec3::NEG_Z), point]] {
                 let optics = Optics { albedo: DVec3::splat(1e-4), anisotropy: 0.3, lamps, ..grey(4.0) };
                 let camera = camera(DVec3::Y, 0.9);
-                let single = mean(&film(&medium, camera, &optics, [How::Exact, How::Plain], 2))[0];
+                let single = mean(&film(&medium, camera, &optics, [How::Exact, How::Plain], 8))[0];
                 let [light, error] = mean(&film(&medium, camera, &optics, paths(1), 32));
                 // The other integrator's segments, beside the noise.
-                let tolerance = 3.0 * error + 2e-3 * single;
-                assert!(
-                    error < 0.02 * single && (light - single).abs() < tolerance,
-                    "{light} +- {error}, not {single}"
-                );
+                let tolerance = 3.0 * error + 5e-3 * single;
+                assert!(error < 0.02 * single, "{light} +- {error}");
+                assert!((light - single).abs() < tolerance, "{light} +- {error}, not {single}");
             }
         }
     }

@@ -137,7 +137,8 @@ impl Medium<'_> {
 /// Gauss's samples of a brick's part of a ray in segments no longer than `longest`, each with the length it stands for.
 fn samples(walk: &Walk, step: &Step, longest: f64, mut sample: impl FnMut(DVec3, f64)) {
     let way = step.end - step.begin;
-    let count = (way / longest).ceil().max(1.0);
+    // As many there and back again, whatever rounding does to whole numbers of steps.
+    let count = (way / longest * (1.0 - 1e-9)).ceil().max(1.0);
     let length = way / count;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a brick has few")]
     for segment in 0..count as u32 {

@@ -183,6 +183,27 @@ impl Walk {
     }
 }
 
+/// The cells of a brick's part of a line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cells {
+    local: Line,
+    cells: Cubes<1>,
+}
+
+impl Cells {
+    pub(super) fn new(line: &Line, step: &Step) -> Cells {
+        let local = line.from(corner(step.block));
+        let cells = Cubes::new(&local, [step.begin, step.end], [0; 3], [EDGE - 1; 3]);
+        Cells { local, cells }
+    }
+
+    /// The next one, from 0 to 7 along each axis, and where the line is in it.
+    pub(super) fn next(&mut self) -> Option<([usize; 3], [f64; 2])> {
+        let (cell, range) = self.cells.next(&self.local)?;
+        Some((cell.map(|c| c.clamp(0, EDGE - 1).unsigned_abs() as usize), range))
+    }
+}
+
 /// The integral over a brick's part of a line of what is linear along each axis in every cell: cell by cell, where it is a
 /// polynomial of degree 3, by Gauss's rule with two samples, which is exact for that. `value` gives it for a cell, from 0
 /// to 7 along each axis, and a place in it from 0 to 1. `enough` ends the sum early.
@@ -192,15 +213,15 @@ pub(super) fn integral(
     enough: f64,
     value: impl Fn([usize; 3], DVec3) -> f64,
 ) -> f64 {
-    let local = line.from(corner(step.block));
-    let mut cells = Cubes::<1>::new(&local, [step.begin, step.end], [0; 3], [EDGE - 1; 3]);
+    let mut cells = Cells::new(line, step);
+    let local = cells.local;
     let mut sum = 0.0;
     while sum < enough
-        && let Some((cell, [begin, end])) = cells.next(&local)
+        && let Some((cell, [begin, end])) = cells.next()
     {
         let length = end - begin;
-        let from = DVec3::from(cell.map(f64::from));
-        let cell = cell.map(|c| c.clamp(0, EDGE - 1).unsigned_abs() as usize);
+        #[allow(clippy::cast_precision_loss, reason = "0 to 7")]
+        let from = DVec3::from(cell.map(|c| c as f64));
         for gauss in super::segment::GAUSS {
             let place = (local.at(begin + gauss * length) - from).clamp(DVec3::ZERO, DVec3::ONE);
             sum += 0.5 * length * value(cell, place);
