@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::bins::Bins;
 use super::camera::Ray;
+use super::exact::first_half;
 use super::grid::{Bricks, EDGE, Grid};
 use super::medium::{Brick, Way};
 use super::points::Spot;
@@ -369,6 +370,9 @@ fn through_cells<R: Real<Scalar = f32>>(
         let far = corners.at(along(&group, &from, group.at + length * R::constant(token, GAUSS[1])));
         let depth = ((near + far) * length * half * group.extinction).most(zero);
         let depth = R::select(going, depth, zero);
+        if lit.exact.is_some() {
+            group.first = first_half(token, near, far);
+        }
         group.go(token, lit, length, depth);
         // Rays that have reached the face: exactly there, so that rounding does not add up.
         group.at = R::select(arrives, next.most(group.at), group.at);

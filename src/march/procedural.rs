@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::bins::Bins;
+use super::exact::first_half;
 use super::grid::{Bricks, EDGE, Grid};
 use super::medium::{Brick, Way};
 use super::rays::{Hits, LANES, single};
@@ -312,6 +313,9 @@ impl WithLevel for Through<'_> {
                 densest = R::select(dense, near.most(far) * group.extinction, densest);
             }
             depth = R::select(goes, depth, zero);
+            if lit.exact.is_some() {
+                group.first = first_half(token, near, far);
+            }
             group.go(token, lit, R::select(goes, length, zero), depth);
         }
         let seeing = (group.before + group.depth).lt(R::constant(token, wanted.deepest));

@@ -87,6 +87,8 @@ pub(super) struct Group<R> {
     /// The lamps' light where the rays are, if `is_known`; with exact shadows, the optical depths towards them.
     pub(super) source: [R; MOST_LAMPS],
     pub(super) is_known: bool,
+    /// With exact shadows: the part of the next segment's optical depth that its first half has.
+    pub(super) first: R,
     half: R,
     /// Metres for a cell, along each ray.
     metres: R,
@@ -123,6 +125,7 @@ impl<R: Real<Scalar = f32>> Group<R> {
             light: [zero; MOST_LAMPS],
             source: [zero; MOST_LAMPS],
             is_known: false,
+            first: R::constant(token, 0.5),
             half: R::constant(token, 1e30),
             metres,
         }

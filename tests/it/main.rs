@@ -24,6 +24,7 @@ mod mass;
 mod memory;
 mod noise;
 mod oracle;
+mod path;
 mod reader;
 mod rows;
 mod same_bytes;
