@@ -144,9 +144,10 @@ impl<R: Real<Scalar = f32>> Group<R> {
     #[inline(always)]
     fn towards(&self, token: R::Token, towards: &Towards<'_>, lamp: usize, at: R, going: u32) -> R {
         let mut places = [[0.0; LANES]; 3];
-        for axis in 0..3 {
-            (self.position[axis] + at * self.direction[axis]).store(&mut places[axis]);
-        }
+        let [x, y, z] = &mut places;
+        (self.position[0] + at * self.direction[0]).store(x);
+        (self.position[1] + at * self.direction[1]).store(y);
+        (self.position[2] + at * self.direction[2]).store(z);
         R::load(token, &towards(lamp, &places, going))
     }
 }
