@@ -8,12 +8,12 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold no more octaves than may reach it.
 
-use super::VOXELS;
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
 use super::near::{self, holds};
 use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
+use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
@@ -28,8 +28,9 @@ const ROOM: usize = VOXELS + 16;
 pub enum Places<'a, T> {
     /// The centres of the block's voxels, z fastest.
     Centres,
-    /// Points of the block: x, y and z in voxels from its centre.
-    Points([&'a [T; VOXELS]; 3]),
+    /// Points of the block: x, y and z in voxels from its centre. They are as many as there are voxels, or fewer, a whole
+    /// number of batches of 16: the density at others is 0.
+    Points([&'a [T]; 3]),
 }
 
 /// A number for every voxel of a block, and room for the rest of a batch.
@@ -158,7 +159,7 @@ pub fn evaluate<R: Real>(
         for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
             let rows = match places {
                 Places::Centres => near::rows::<R>(token, &piece.near, &scratch.numbers),
-                Places::Points(_) => u64::MAX,
+                Places::Points([x, ..]) => first_rows(x.len() / EDGE),
             };
             let searched = lanes_of::<R>(rows);
             counts.searched += searched;
@@ -207,6 +208,12 @@ pub fn evaluate<R: Real>(
         [counts.several, counts.beyond] = join::finish::<R>(token, rule, &scratch.joint, values);
     }
     counts
+}
+
+/// So many of a block's rows.
+#[inline(always)]
+fn first_rows(count: usize) -> u64 {
+    if count < EDGE * EDGE { (1 << count) - 1 } else { u64::MAX }
 }
 
 /// Lanes of the batches that have voxels of these rows.

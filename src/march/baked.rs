@@ -4,12 +4,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bins::Bins;
+use super::camera::Ray;
 use super::grid::{Bricks, EDGE, Grid};
 use super::medium::{Brick, Way};
+use super::points::Spot;
 use super::rays::{Hits, LANES, Rays, single};
 use super::segment::GAUSS;
 use super::shade::{Group, LONGEST, Lit, Wanted};
 use super::table::Table;
+use super::walk::{self, Walk};
 use crate::num::{Level, Real, WithLevel, with_level};
 use crate::volume::{Accessor, Sampled, Tree};
 
@@ -207,12 +210,51 @@ impl Baked {
     }
 }
 
+impl Baked {
+    /// The largest density of a brick.
+    pub(super) fn majorant(&self, brick: usize) -> f32 {
+        self.values[brick].iter().fold(0.0, |most, value| value.max(most))
+    }
+
+    /// The largest density of a cell of a brick.
+    pub(super) fn majorant_of_cell(&self, brick: usize, [x, y, z]: [usize; 3]) -> f32 {
+        let values = &self.values[brick];
+        let corner = |n: usize| values[((x + (n >> 2)) * VALUES + y + (n >> 1 & 1)) * VALUES + z + (n & 1)];
+        (0..8).fold(0.0, |most, n| corner(n).max(most))
+    }
+
+    pub(super) fn density(&self, spot: &Spot) -> f32 {
+        single(at(&self.values[spot.brick], spot.local))
+    }
+
+    /// See [`Medium::optical_depth`](super::Medium::optical_depth); it may end once it is `enough`.
+    pub(super) fn depth(&self, ray: &Ray, range: [f64; 2], extinction: f64, enough: f64) -> f64 {
+        let nodes = self.bricks.nodes();
+        let mut walk = Walk::new(nodes, &self.grid.ray(ray), range);
+        // Density times metres.
+        let (mut sum, enough) = (0.0, enough / extinction);
+        while sum < enough
+            && let Some(step) = walk.next(nodes)
+        {
+            let values = &self.values[step.brick];
+            let value = |cell, place| within(values, cell, place);
+            sum += walk::integral(&walk.line, &step, enough - sum, value);
+        }
+        sum * extinction
+    }
+}
+
 /// The density at a place of a brick, in cells from its corner.
 fn at(values: &[f32; ALL], place: DVec3) -> f64 {
     let cell = place.floor().clamp(DVec3::ZERO, DVec3::splat(7.0));
     let t = place - cell;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole, 0 to 7")]
-    let [x, y, z] = cell.to_array().map(|c| c as usize);
+    let cell = cell.to_array().map(|c| c as usize);
+    within(values, cell, t)
+}
+
+/// The density at a place of a cell.
+fn within(values: &[f32; ALL], [x, y, z]: [usize; 3], t: DVec3) -> f64 {
     let value = |i: usize, j: usize, k: usize| f64::from(values[((x + i) * VALUES + y + j) * VALUES + z + k]);
     let row = |i, j| value(i, j, 0) + (value(i, j, 1) - value(i, j, 0)) * t.z;
     let plane = |i| row(i, 0) + (row(i, 1) - row(i, 0)) * t.y;
@@ -323,7 +365,7 @@ fn through_cells<R: Real<Scalar = f32>>(
             // What is longer than that already.
             group.gather(token, lit);
         }
-        group.go(token, length, depth);
+        group.pass(token, lit, length, depth, [near, far]);
         // Rays that have reached the face: exactly there, so that rounding does not add up.
         group.at = R::select(arrives, next.most(group.at), group.at);
         for axis in 0..3 {

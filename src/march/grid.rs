@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::camera::Ray;
+use super::nodes::Nodes;
 
 /// Cells along an edge of a brick.
 pub(super) const EDGE: i32 = 8;
@@ -83,21 +84,19 @@ impl Grid {
 pub(super) struct Bricks {
     /// In units of their edges.
     pub(super) blocks: Vec<[i32; 3]>,
-    /// Their numbers in ascending order.
-    order: Vec<u32>,
+    /// Where they are.
+    nodes: Nodes,
 }
 
 impl Bricks {
     pub(super) fn new(blocks: Vec<[i32; 3]>) -> Bricks {
-        let mut order: Vec<u32> = (0..).take(blocks.len()).collect();
-        order.sort_unstable_by_key(|number| blocks[*number as usize]);
-        Bricks { blocks, order }
+        let nodes = Nodes::new(&blocks);
+        Bricks { blocks, nodes }
     }
 
-    /// The brick at a place, by its number.
-    pub(super) fn find(&self, block: [i32; 3]) -> Option<usize> {
-        let at = self.order.binary_search_by_key(&block, |number| self.blocks[*number as usize]).ok()?;
-        self.order.get(at).map(|number| *number as usize)
+    /// How to find them.
+    pub(super) fn nodes(&self) -> &Nodes {
+        &self.nodes
     }
 
     /// The corners of all of them, in cells.

@@ -1,11 +1,10 @@
 //! What light goes through.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::baked::Baked;
 use super::bins::Bins;
-use super::grid::{Bricks, EDGE, Grid};
+use super::grid::{Bricks, Grid};
 use super::procedural::{Procedural, Worker};
 use super::rays::{Hits, Rays};
 use super::shade::{Lit, Wanted};
@@ -97,42 +96,11 @@ impl Medium<'_> {
         }
     }
 
-    /// The densities at points of the grid's space, on all threads.
-    pub(super) fn densities_at(&self, points: &[DVec3], level: Level) -> Vec<f32> {
-        let bricks = self.bricks();
-        let edge = f64::from(EDGE);
-        let mut order: Vec<(usize, usize)> = points
-            .par_iter()
-            .enumerate()
-            .filter_map(|(number, point)| {
-                let block = (*point / edge).floor();
-                if !block.is_finite() || block.abs().max_element() > f64::from(i32::MAX / EDGE) {
-                    return None;
-                }
-                #[allow(clippy::cast_possible_truncation, reason = "whole, and small enough")]
-                let block = block.to_array().map(|c| c as i32);
-                Some((bricks.find(block)?, number))
-            })
-            .collect();
-        order.par_sort_unstable();
-        let groups: Vec<&[(usize, usize)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
-        let found: Vec<Vec<f32>> = groups
-            .par_iter()
-            .map_init(Worker::default, |worker, group| {
-                let mut found = Vec::with_capacity(group.len());
-                let Some((brick, _)) = group.first() else { return found };
-                let corner = DVec3::from(bricks.blocks[*brick].map(|c| f64::from(c) * edge));
-                let places: Vec<DVec3> = group.iter().map(|(_, number)| points[*number] - corner).collect();
-                self.densities(*brick, &places, level, worker, &mut found);
-                found
-            })
-            .collect();
-        let mut densities = vec![0.0; points.len()];
-        for (group, found) in groups.into_iter().zip(found) {
-            for ((_, number), density) in group.iter().zip(found) {
-                densities[*number] = density;
-            }
+    /// A density that no place of a brick is above.
+    pub(super) fn majorant(&self, brick: usize, worker: &mut Worker) -> f32 {
+        match self {
+            Medium::Baked(baked) => baked.majorant(brick),
+            Medium::Procedural(procedural) => procedural.majorant(brick, worker),
         }
-        densities
     }
 }

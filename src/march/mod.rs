@@ -38,19 +38,29 @@ mod bins;
 mod blackbody;
 mod camera;
 mod display;
+mod exact;
 mod grid;
+mod majorant;
 mod medium;
+mod nodes;
 mod optics;
+mod path;
 mod picture;
+mod points;
 mod procedural;
+mod random;
 mod rays;
 mod segment;
 mod shade;
 mod shadow;
 mod table;
 #[cfg(test)]
+mod testing;
+#[cfg(test)]
 mod tests;
 mod tiles;
+mod track;
+mod walk;
 
 pub use baked::{Baked, BakedError, Meaning};
 pub use blackbody::black_body;
@@ -59,5 +69,5 @@ pub use display::Developed;
 pub use grid::Grid;
 pub use medium::Medium;
 pub use optics::{Lamp, MOST_LAMPS, Optics};
-pub use picture::{Film, Picture, Quality};
+pub use picture::{Film, Integrator, Picture, Quality, Shadow};
 pub use procedural::Procedural;

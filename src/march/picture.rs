@@ -6,11 +6,14 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::camera::{Camera, Ray};
+use super::display::LUMINANCE;
+use super::exact::Caster;
 use super::medium::{Brick, Medium, Way};
 use super::optics::{Lamp, Optics, phase};
+use super::path::Tracer;
 use super::procedural::Worker;
 use super::rays::RAYS;
-use super::shade::{Lit, Wanted};
+use super::shade::{FINE, Lit, Wanted};
 use super::shadow::Shadows;
 use super::tiles::{TILE, Tiles};
 use crate::num::Level;
@@ -24,8 +27,31 @@ pub struct Quality {
     pub samples: u32,
     /// Rays end where no more than this part of the light is left: so much of what is behind is not seen.
     pub cutoff: f64,
-    /// Cells between the rays that shadows are found by.
-    pub shadow_pitch: f64,
+    /// How shadows are found.
+    pub shadow: Shadow,
+    /// What light is followed.
+    pub integrator: Integrator,
+}
+
+/// How shadows are found where light is scattered once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shadow {
+    /// From optical depths that are kept along rays from the lamps, so many cells apart.
+    Cached(f64),
+    /// By a ray from every sample to every lamp.
+    Exact,
+}
+
+/// What light is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Integrator {
+    /// What is scattered once, and ambient light as if nothing shadowed it.
+    Single,
+    /// All of it, by random paths: equal seeds give equal pictures.
+    Path {
+        /// Another seed gives other noise.
+        seed: u64,
+    },
 }
 
 /// What a picture's pixels hold, in rows from the top: sums over the samples so far.
@@ -47,6 +73,8 @@ pub struct Film {
     /// Of the first sample, where there is such a distance: the direction from there in which the density falls fastest, of
     /// length 1; else 0. Empty before [`Picture::find_normals`].
     pub normals: Vec<[f64; 3]>,
+    /// Of random paths: squares of the luminance that each found.
+    pub squares: Option<Vec<f64>>,
 }
 
 impl Film {
@@ -60,6 +88,7 @@ impl Film {
             depth: vec![0.0; pixels],
             half: vec![f64::INFINITY; pixels],
             normals: Vec::new(),
+            squares: None,
         }
     }
 
@@ -80,6 +109,29 @@ impl Film {
     }
 }
 
+impl Film {
+    /// Of random paths: the standard error of each pixel's luminance, by the spread of its samples; infinite before the
+    /// second.
+    pub fn errors(&self) -> Option<Vec<f64>> {
+        let count = f64::from(self.samples);
+        let error = |(square, radiance): (&f64, &[f64; 3])| {
+            let mean = DVec3::from(*radiance).dot(LUMINANCE) / count;
+            let variance = (square / count - mean * mean).max(0.0);
+            if self.samples > 1 { (variance / (count - 1.0)).sqrt() } else { f64::INFINITY }
+        };
+        Some(self.squares.as_ref()?.iter().zip(&self.radiance).map(error).collect())
+    }
+
+    /// The mean of those over the mean luminance; `None` too where that is 0, and before the second sample.
+    pub fn noise(&self) -> Option<f64> {
+        let errors: f64 = self.errors()?.iter().sum();
+        let light: f64 =
+            self.radiance.iter().map(|radiance| DVec3::from(*radiance).dot(LUMINANCE)).sum::<f64>()
+                / f64::from(self.samples);
+        (errors / light).is_finite().then_some(errors / light)
+    }
+}
+
 /// A picture in the making.
 pub struct Picture<'a> {
     medium: &'a Medium<'a>,
@@ -88,7 +140,10 @@ pub struct Picture<'a> {
     quality: Quality,
     level: Level,
     tiles: Tiles,
-    shadows: Shadows,
+    shadows: Option<Shadows>,
+    /// Of random paths, beside which rays see extinction alone.
+    tracer: Option<Tracer<'a>>,
+    dark: Optics,
     tables: Vec<OnceLock<Box<[f32]>>>,
     film: Film,
 }
@@ -112,10 +167,26 @@ impl<'a> Picture<'a> {
         level: Level,
     ) -> Picture<'a> {
         let tiles = Tiles::new(&camera, quality.size, medium.grid(), medium.bricks());
-        let shadows = Shadows::new(medium, optics, quality.shadow_pitch, level);
+        let mut film = Film::new(quality.size);
+        let (mut shadows, mut tracer) = (None, None);
+        match (quality.integrator, quality.shadow) {
+            (Integrator::Path { seed }, _) => {
+                film.squares = Some(vec![0.0; film.depth.len()]);
+                tracer = Some(Tracer::new(medium, optics, seed, level));
+            }
+            (Integrator::Single, Shadow::Cached(pitch)) => {
+                shadows = Some(Shadows::new(medium, optics, pitch, level));
+            }
+            (Integrator::Single, Shadow::Exact) => {}
+        }
+        let dark = optics.clone().absorbing();
         let tables = (0..medium.bricks().blocks.len()).map(|_| OnceLock::new()).collect();
-        let film = Film::new(quality.size);
-        Picture { medium, camera, optics, quality, level, tiles, shadows, tables, film }
+        Picture { medium, camera, optics, quality, level, tiles, shadows, tracer, dark, tables, film }
+    }
+
+    /// What rays see.
+    fn seen_by_rays(&self) -> &Optics {
+        if self.tracer.is_some() { &self.dark } else { self.optics }
     }
 
     /// What there is so far.
@@ -134,7 +205,9 @@ impl<'a> Picture<'a> {
                 || (Way::default(), Worker::default()),
                 |(way, worker), tile| {
                     let pixels = self.tile(tile, at, &wanted, way, worker);
-                    done(1);
+                    if self.tracer.is_none() {
+                        done(1);
+                    }
                     pixels
                 },
             )
@@ -158,6 +231,15 @@ impl<'a> Picture<'a> {
                 }
             }
         }
+        if let Some(tracer) = &self.tracer {
+            let found = tracer.sample(&self.tiles, &self.camera, at, self.film.samples, &done);
+            for (sum, found) in self.film.radiance.iter_mut().zip(&found) {
+                *sum = (DVec3::from(*sum) + *found).to_array();
+            }
+            for (sum, found) in self.film.squares.iter_mut().flatten().zip(&found) {
+                *sum += found.dot(LUMINANCE) * found.dot(LUMINANCE);
+            }
+        }
         self.film.samples += 1;
     }
 
@@ -177,10 +259,12 @@ impl<'a> Picture<'a> {
         let places: Vec<DVec3> = found
             .iter()
             .flat_map(|(_, place)| {
-                DVec3::AXES.into_iter().flat_map(|axis| [*place - 0.5 * axis, *place + 0.5 * axis])
+                DVec3::AXES.into_iter().flat_map(|axis| {
+                    [*place - 0.5 * axis, *place + 0.5 * axis].map(|place| grid.to_world(place))
+                })
             })
             .collect();
-        let densities = self.medium.densities_at(&places, self.level);
+        let densities = self.medium.density_at(&places, self.level);
         self.film.normals = vec![[0.0; 3]; pixels.len()];
         for ((pixel, _), around) in found.iter().zip(densities.chunks_exact(6)) {
             let slope = |axis: usize| f64::from(around[2 * axis + 1]) - f64::from(around[2 * axis]);
@@ -207,6 +291,8 @@ impl<'a> Picture<'a> {
             return vec![Pixel::default(); RAYS];
         }
         let grid = self.medium.grid();
+        let optics = self.seen_by_rays();
+        let caster = Caster { medium: self.medium, optics, level: self.level };
         way.rays.begin(grid, self.tiles.rays(tile, &self.camera, at));
         for seen in seen {
             if way.rays.is_done() {
@@ -214,16 +300,22 @@ impl<'a> Picture<'a> {
             }
             let number = seen.brick as usize;
             let block = self.medium.bricks().blocks[number];
-            let table: &[f32] = if self.optics.lamps.is_empty() {
-                &[]
-            } else {
-                self.tables[number].get_or_init(|| self.shadows.table(grid, block, self.level))
+            let table: &[f32] = match &self.shadows {
+                Some(shadows) if !optics.lamps.is_empty() => {
+                    self.tables[number].get_or_init(|| shadows.table(grid, block, self.level))
+                }
+                _ => &[],
             };
-            let lit = Lit::new(self.optics, grid, block, table, self.shadows.edge);
+            let edge = self.shadows.as_ref().map_or(FINE, |shadows| shadows.edge);
+            let mut lit = Lit::new(optics, grid, block, table, edge);
+            let towards = |lamp: usize, places: &_, wanted| caster.depths(block, lamp, places, wanted);
+            if self.quality.shadow == Shadow::Exact && !optics.lamps.is_empty() {
+                lit.exact = Some(&towards);
+            }
             let brick = Brick { block, seen, wanted, lit: &lit };
             self.medium.carry(self.level, brick, way, worker);
         }
-        let uniform = self.optics.uniform_source();
+        let uniform = optics.uniform_source();
         let rays = &way.rays;
         let ahead = self.tiles.rays(tile, &self.camera, at);
         ahead
@@ -232,14 +324,12 @@ impl<'a> Picture<'a> {
                 let Some(of) = of else { return Pixel::default() };
                 let depth = rays.depth[ray];
                 let mut radiance = uniform * -libm::expm1(-depth);
-                for (lamp, light) in self.optics.lamps.iter().zip(&rays.light) {
+                for (lamp, light) in optics.lamps.iter().zip(&rays.light) {
                     let towards = match lamp {
-                        Lamp::Sun { direction, .. } => {
-                            phase(self.optics.anisotropy, *direction, -of.direction)
-                        }
+                        Lamp::Sun { direction, .. } => phase(optics.anisotropy, *direction, -of.direction),
                         Lamp::Point { .. } => 1.0,
                     };
-                    radiance += self.optics.albedo * lamp.colour() * (towards * light[ray]);
+                    radiance += optics.albedo * lamp.colour() * (towards * light[ray]);
                 }
                 Pixel { radiance, depth, half: rays.half[ray] * f64::from(rays.metres[ray]) }
             })

@@ -132,23 +132,41 @@ impl Procedural<'_> {
         self.plan.narrow(self.field, brick, &mut worker.region);
         for places in places.chunks(VOXELS) {
             let middle = 0.5 * f64::from(EDGE);
+            let count = places.len().next_multiple_of(LANES);
             for axis in 0..3 {
                 let room = &mut worker.places[axis].0;
-                room.fill(0.0);
+                // The rest of the last lanes is taken to where the last place is.
+                let last = places.last().map_or(0.0, |place| single(place[axis] - middle));
+                room[..count].fill(last);
                 for (to, place) in room.iter_mut().zip(places) {
                     *to = single(place[axis] - middle);
                 }
             }
-            self.evaluate(level, worker);
+            self.evaluate_first(count, level, worker);
             out.extend_from_slice(&worker.values.0[..places.len()]);
         }
     }
 }
 
 impl Procedural<'_> {
+    /// Cells between two steps along a ray.
+    pub(super) fn step(&self) -> f64 {
+        f64::from(self.step)
+    }
+
+    /// A density that no place of a brick is above.
+    pub(super) fn majorant(&self, brick: usize, worker: &mut Worker) -> f32 {
+        self.plan.narrow(self.field, brick, &mut worker.region);
+        single(self.field.bound_in(&worker.region)).next_up()
+    }
+
     fn evaluate(&self, level: Level, worker: &mut Worker) {
+        self.evaluate_first(VOXELS, level, worker);
+    }
+
+    fn evaluate_first(&self, count: usize, level: Level, worker: &mut Worker) {
         let [x, y, z] = &worker.places;
-        let places = Places::Points([&x.0, &y.0, &z.0]);
+        let places = Places::Points([&x.0[..count], &y.0[..count], &z.0[..count]]);
         evaluate_block(level, &worker.region, places, &mut worker.scratch, &mut worker.values.0);
     }
 }
@@ -294,7 +312,7 @@ impl WithLevel for Through<'_> {
                 densest = R::select(dense, near.most(far) * group.extinction, densest);
             }
             depth = R::select(goes, depth, zero);
-            group.go(token, R::select(goes, length, zero), depth);
+            group.pass(token, lit, R::select(goes, length, zero), depth, [near, far]);
             group.gather(token, lit);
         }
         let seeing = (group.before + group.depth).lt(R::constant(token, wanted.deepest));

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::exact::{Towards, first_half};
 use super::grid::{EDGE, Grid};
 use super::optics::{Lamp, MOST_LAMPS, Optics};
 use super::rays::{Hits, LANES, Rays, single};
@@ -26,7 +27,7 @@ pub(super) struct Wanted {
 }
 
 /// The lamps as a brick sees them.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(super) struct Lit<'a> {
     pub(super) lamps: usize,
     /// The optical depth towards each lamp, at the points of the brick's table.
@@ -38,6 +39,8 @@ pub(super) struct Lit<'a> {
     /// Columns: metres in the world for a cell along each axis.
     cell: [[f32; 3]; 3],
     anisotropy: f32,
+    /// Where no table is to be read.
+    pub(super) exact: Option<&'a Towards<'a>>,
 }
 
 impl<'a> Lit<'a> {
@@ -58,6 +61,7 @@ impl<'a> Lit<'a> {
             points: [None; MOST_LAMPS],
             cell: DVec3::AXES.map(|axis| (grid.to_world(axis) - zero).to_array().map(single)),
             anisotropy: single(optics.anisotropy),
+            exact: None,
         };
         let tables = shadows.chunks_exact(edge * edge * edge).map(Some).chain(std::iter::repeat(None));
         for ((lamp, table), (shadow, point)) in
@@ -94,15 +98,17 @@ pub(super) struct Group<R> {
     dimmed: R,
     /// From there to where they are.
     pub(super) depth: R,
-    transmittance: R,
+    pub(super) transmittance: R,
     /// What lamps add, dimmed from the brick's edge.
-    light: [R; MOST_LAMPS],
+    pub(super) light: [R; MOST_LAMPS],
     /// How far the lamps' light is gathered, and the optical depth up to there.
     gathered: R,
     gathered_depth: R,
-    /// The lamps' light there, if `is_known`.
-    source: [R; MOST_LAMPS],
-    is_known: bool,
+    /// The lamps' light there, if `is_known`; with exact shadows, the optical depths towards them.
+    pub(super) source: [R; MOST_LAMPS],
+    pub(super) is_known: bool,
+    /// With exact shadows: the part of the next segment's optical depth that its first half has.
+    pub(super) first: R,
     half: R,
     /// Metres for a cell, along each ray.
     metres: R,
@@ -141,6 +147,7 @@ impl<R: Real<Scalar = f32>> Group<R> {
             gathered_depth: zero,
             source: [zero; MOST_LAMPS],
             is_known: false,
+            first: R::constant(token, 0.5),
             half: R::constant(token, 1e30),
             metres,
         }
@@ -170,10 +177,25 @@ impl<R: Real<Scalar = f32>> Group<R> {
         self.at = self.at + length;
     }
 
+    /// As [`Group::go`], with the densities at Gauss's places; where shadows are exact, the lamps' light is gathered.
+    #[inline(always)]
+    pub(super) fn pass(&mut self, token: R::Token, lit: &Lit<'_>, length: R, depth: R, densities: [R; 2]) {
+        if let Some(towards) = lit.exact {
+            let zero = R::constant(token, 0.0);
+            if R::bitmask(zero.lt(depth)) == 0 {
+                self.is_known = false;
+            } else {
+                self.first = first_half(token, densities[0], densities[1]);
+                self.gather_exactly(token, lit, towards, length, depth.least(R::constant(token, 1e30)));
+            }
+        }
+        self.go(token, length, depth);
+    }
+
     /// Adds the lamps' light from all segments since this was last done, as one.
     #[inline(always)]
     pub(super) fn gather(&mut self, token: R::Token, lit: &Lit<'_>) {
-        if lit.lamps == 0 {
+        if lit.lamps == 0 || lit.exact.is_some() {
             return;
         }
         let zero = R::constant(token, 0.0);
@@ -201,7 +223,7 @@ impl<R: Real<Scalar = f32>> Group<R> {
     /// The light of a lamp that arrives at a place along the rays and leaves towards the eye; of suns without the phase
     /// function.
     #[inline(always)]
-    fn lamp(&self, token: R::Token, lit: &Lit<'_>, lamp: usize, at: R) -> R {
+    pub(super) fn lamp(&self, token: R::Token, lit: &Lit<'_>, lamp: usize, at: R) -> R {
         let mut place = self.position;
         for axis in 0..3 {
             place[axis] = place[axis] + at * self.direction[axis];

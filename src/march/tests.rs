@@ -4,7 +4,10 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
-use super::{Baked, Camera, Film, Grid, Lamp, Meaning, Medium, Optics, Picture, Procedural, Quality};
+use super::{
+    Baked, Camera, Film, Grid, Integrator, Lamp, Meaning, Medium, Optics, Picture, Procedural, Quality,
+    Shadow,
+};
 use crate::field::{Field, Lattice};
 use crate::num::Level;
 use crate::scene::Scene;
@@ -54,7 +57,8 @@ fn looking(eye: DVec3, at: DVec3, half: f64, is_orthographic: bool) -> Camera {
 }
 
 fn take(medium: &Medium<'_>, camera: Camera, optics: &Optics, edge: usize, pitch: f64) -> Film {
-    let quality = Quality { size: [edge; 2], samples: 1, cutoff: 1e-12, shadow_pitch: pitch };
+    let (shadow, integrator) = (Shadow::Cached(pitch), Integrator::Single);
+    let quality = Quality { size: [edge; 2], samples: 1, cutoff: 1e-12, shadow, integrator };
     let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
     picture.sample(|_| {});
     picture.film().clone()

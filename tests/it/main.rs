@@ -26,6 +26,7 @@ mod mass;
 mod memory;
 mod noise;
 mod oracle;
+mod path;
 mod reader;
 mod render;
 mod renderers;

@@ -41,7 +41,7 @@ fn rows_that_are_left_out_hold_nothing() {
                 plan.narrow(&field, brick, &mut region);
                 let (mut rows, mut all) = ([0.0; VOXELS], [0.0; VOXELS]);
                 let counted = at(&region, Places::Centres, &mut rows);
-                let truth = at(&region, Places::Points(points.each_ref()), &mut all);
+                let truth = at(&region, Places::Points(points.each_ref().map(|axis| &axis[..])), &mut all);
                 left_out += truth.searched - counted.searched;
                 // The two add the same numbers in another order; the envelope is hard, so a voxel lost would be 1 off.
                 for (a, b) in rows.iter().zip(all) {

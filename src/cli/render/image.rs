@@ -105,5 +105,8 @@ fn layers(film: &Film, background: Option<DVec3>) -> Part {
     if !film.normals.is_empty() {
         channels.extend([("normal.X", normal(0)), ("normal.Y", normal(1)), ("normal.Z", normal(2))]);
     }
+    if let Some(errors) = film.errors() {
+        channels.push(("noise.Y", samples(errors)));
+    }
     Part { name: "picture".to_owned(), pixels: film.size, channels, attribute: "{}".to_owned() }
 }

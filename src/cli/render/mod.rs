@@ -1,6 +1,7 @@
 //! `vdbake render`: a picture of a scene, or of what is in a file.
 
 mod image;
+mod light;
 mod source;
 
 use std::path::PathBuf;
@@ -14,9 +15,10 @@ use super::interrupt::Interrupt;
 use super::job::SceneOptions;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
-use crate::march::{Camera, Film, MOST_LAMPS, Picture, Quality};
+use crate::march::{Camera, Film, Integrator, MOST_LAMPS, Picture, Quality, Shadow};
 use crate::num::Level;
 use image::Target;
+use light::LightOptions;
 use source::Drawn;
 
 #[derive(Debug, Args)]
@@ -29,9 +31,8 @@ pub(super) struct Arguments {
     /// Pixels
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "960x540")]
     size: [usize; 2],
-    /// Rays through every pixel
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), default_value_t = 1)]
-    samples: u32,
+    #[command(flatten)]
+    light: LightOptions,
     /// Of a file: the scene that camera, lights and medium are taken from [default: that which the file was baked from]
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
@@ -51,9 +52,6 @@ pub(super) struct Arguments {
     /// Of a scene: voxels between two steps along a ray, at most
     #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 1.0, allow_hyphen_values = true)]
     step: f64,
-    /// Voxels between the rays that shadows are found by
-    #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 2.0, allow_hyphen_values = true)]
-    shadow_step: f64,
     /// Part of the light that may be left where a ray ends
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
     cutoff: f64,
@@ -79,6 +77,8 @@ struct Report {
     kind: &'static str,
     size: [usize; 2],
     samples: u32,
+    /// Of paths: the mean standard error of the luminance over its mean; null before the second sample.
+    noise: Option<f64>,
     bricks: usize,
     /// Mean over all pixels.
     mean_transmittance: f64,
@@ -107,6 +107,7 @@ struct Times {
 /// Draws.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let target = Target::new(&arguments.output)?;
+    arguments.light.check()?;
     let is_file = info::is_vdb(&arguments.file)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
@@ -144,9 +145,10 @@ fn draw(
     }
     let quality = Quality {
         size: arguments.size,
-        samples: arguments.samples,
+        samples: arguments.light.samples(),
         cutoff: arguments.cutoff,
-        shadow_pitch: arguments.shadow_step,
+        shadow: arguments.light.shadow(),
+        integrator: arguments.light.integrator(),
     };
     #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
     let aspect = arguments.size[0] as f64 / arguments.size[1] as f64;
@@ -164,7 +166,11 @@ fn draw(
     if arguments.progressive {
         let coarse = Quality {
             size: quality.size.map(|edge| edge.div_ceil(COARSE)),
-            shadow_pitch: 8.0_f64.min(quality.shadow_pitch * 4.0),
+            shadow: Shadow::Cached(match quality.shadow {
+                Shadow::Cached(pitch) => 8.0_f64.min(pitch * 4.0),
+                Shadow::Exact => 8.0,
+            }),
+            integrator: Integrator::Single,
             ..quality
         };
         let mut picture = Picture::new(&drawn.medium, camera, &optics, coarse, level);
@@ -177,16 +183,19 @@ fn draw(
     let mut picture = Picture::new(&drawn.medium, camera, &optics, quality, level);
     let prepare = clock.lap();
     let mut progress = Progress::new(1, global.quiet);
-    progress.begin(picture.tiles() * arguments.samples as usize);
+    progress.begin(picture.tiles() * quality.samples as usize);
     let progress = Mutex::new(progress);
-    for sample in 1..=arguments.samples {
+    for sample in 1..=quality.samples {
         picture.sample(|tiles| {
             if let Ok(mut progress) = progress.lock() {
                 progress.advance(tiles);
             }
         });
         interrupt.check()?;
-        if arguments.progressive && sample.is_power_of_two() && sample < arguments.samples {
+        if arguments.light.is_enough(picture.film(), clock.first.elapsed()) {
+            break;
+        }
+        if arguments.progressive && sample.is_power_of_two() && sample < quality.samples {
             write(picture.film())?;
         }
     }
@@ -204,7 +213,8 @@ fn draw(
         output: arguments.output.display().to_string(),
         kind: if is_file { "file" } else { "scene" },
         size: arguments.size,
-        samples: arguments.samples,
+        samples: film.samples,
+        noise: film.noise(),
         bricks: drawn.medium.brick_count(),
         mean_transmittance: film.transmittance.iter().sum::<f64>() / pixels,
         exposure,
