@@ -114,8 +114,8 @@ fn cells_are_the_same_where_memory_has_no_room_for_all_values() {
     assert!(output.status.success(), "{}", stderr(&output));
     convert(&[text(&vdb), text(&vol)]).expect("converted");
     let whole = fs::read(&vol).expect("a file");
-    // Its values take 22 MB in memory, more than half of what the hint gives: they are read layer by layer.
-    let error = convert(&[text(&vdb), text(&vol), "--memory", "40MB"]).expect_err("too little");
+    // Its values take 22 MB in memory, more than the hint gives: they are read layer by layer.
+    let error = convert(&[text(&vdb), text(&vol), "--memory", "17MB"]).expect_err("too little");
     let enough = error.split("--memory ").nth(1).and_then(|rest| rest.split(',').next()).expect("a hint");
     convert(&[text(&vdb), text(&vol), "--memory", enough]).expect("as much as the hint says");
     assert!(whole == fs::read(&vol).expect("a file"));

@@ -311,7 +311,7 @@ fn what_cannot_be_sliced_is_told() {
             "there is no slice 9000 across z, only 0 to ",
         ),
         (vec![text(&scene), "-o", "a.exr", "--at", "99"], 2, "there is no slice at z = 99 m"),
-        (vec![text(&scene), "-o", "a.exr", "--memory", "8MB"], 1, "of memory, and less may be used"),
+        (vec![text(&scene), "-o", "a.exr", "--memory", "8MB"], 1, "or allow more with --memory"),
     ] {
         let output = arguments.iter().map(|a| if a.starts_with("a.") { path(a) } else { (*a).to_owned() });
         let arguments: Vec<String> = output.collect();
