@@ -88,7 +88,7 @@ impl<'a, R: Real> Rows<'a, R> {
                     self.first[k] = self.in_plane[k] + slope[1][k] * y + slope[2][k] * z;
                 }
             }
-            Places::Points([x, y, z]) => {
+            Places::Points([x, y, z]) | Places::First([x, y, z], _) => {
                 let x = R::load(token, &x[index..]);
                 let y = R::load(token, &y[index..]);
                 let z = R::load(token, &z[index..]);

@@ -8,12 +8,12 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold no more octaves than may reach it.
 
-use super::VOXELS;
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
 use super::near::{self, holds};
 use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
+use super::{EDGE, VOXELS};
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
 
@@ -29,6 +29,8 @@ pub enum Places<'a, T> {
     Centres,
     /// Points of the block: x, y and z in voxels from its centre.
     Points([&'a [T; VOXELS]; 3]),
+    /// The first of such points, so many; beyond them there is no density.
+    First([&'a [T; VOXELS]; 3], usize),
 }
 
 /// A number for every voxel of a block, and room for the rest of a batch.
@@ -158,6 +160,7 @@ pub fn evaluate<R: Real>(
             let rows = match places {
                 Places::Centres => near::rows::<R>(token, &piece.near, &scratch.numbers),
                 Places::Points(_) => u64::MAX,
+                Places::First(_, count) => first_rows(count),
             };
             let searched = lanes_of::<R>(rows);
             counts.searched += searched;
@@ -202,6 +205,13 @@ pub fn evaluate<R: Real>(
         [counts.several, counts.beyond] = join::finish::<R>(token, rule, &scratch.joint, values);
     }
     counts
+}
+
+/// The rows that hold the first places of a block.
+#[inline(always)]
+fn first_rows(count: usize) -> u64 {
+    let rows = count.div_ceil(EDGE);
+    if rows >= VOXELS / EDGE { u64::MAX } else { (1 << rows) - 1 }
 }
 
 /// Lanes of the batches that have voxels of these rows.

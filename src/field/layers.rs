@@ -31,7 +31,7 @@ pub(super) fn pack_places<R: Real>(
                 let first_z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
                 [R::splat(token, x), R::splat(token, first_y) + y, R::splat(token, first_z) + z]
             }
-            Places::Points([x, y, z]) => {
+            Places::Points([x, y, z]) | Places::First([x, y, z], _) => {
                 [R::load(token, &x[index..]), R::load(token, &y[index..]), R::load(token, &z[index..])]
             }
         };

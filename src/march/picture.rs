@@ -208,6 +208,7 @@ impl<'a> Picture<'a> {
         }
         let grid = self.medium.grid();
         way.rays.begin(grid, self.tiles.rays(tile, &self.camera, at));
+        self.medium.begin(&way.rays, worker);
         for seen in seen {
             if way.rays.is_done() {
                 break;

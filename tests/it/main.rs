@@ -22,6 +22,7 @@ mod large;
 mod layers;
 mod mass;
 mod memory;
+mod methods;
 mod noise;
 mod oracle;
 mod reader;
