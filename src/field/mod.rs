@@ -109,6 +109,7 @@ mod bounds;
 mod cover;
 mod detail;
 mod edges;
+pub mod every;
 mod explain;
 mod extent;
 mod feet;

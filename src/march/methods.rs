@@ -48,7 +48,7 @@ pub enum Entry {
 }
 
 /// How rays go through a scene's density.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Marching {
     /// What steps do.
     pub method: Method,
@@ -56,6 +56,15 @@ pub struct Marching {
     pub growth: f64,
     /// Of other methods than Gauss's: how the beginning is found.
     pub entry: Entry,
+    /// Of other methods than Gauss's, without growth: places are mapped to the tube's cylinder at every so many steps, and
+    /// between them what they are mapped to is linear. At least 1.
+    pub map_every: usize,
+}
+
+impl Default for Marching {
+    fn default() -> Marching {
+        Marching { method: Method::Gauss, growth: 0.0, entry: Entry::Cones, map_every: 1 }
+    }
 }
 
 /// A converging search ends when its steps are shorter than this part of a voxel, and sphere tracing this close.

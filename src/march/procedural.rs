@@ -17,7 +17,7 @@ use super::steps::{Place, Room, Rule, Through, Walk, place, through};
 use crate::field::kernel::{Places, Scratch};
 use crate::field::{Extent, Field, Lattice, Region, VOXELS};
 use crate::num::{Level, Real, WithLevel, with_level};
-use crate::volume::{Plan, PlanError, evaluate_block};
+use crate::volume::{Plan, PlanError, evaluate_block, evaluate_every};
 
 /// Pieces of a group of rays that are evaluated at once: two places each.
 const AT_ONCE: usize = VOXELS / (2 * LANES);
@@ -133,12 +133,12 @@ impl Procedural<'_> {
     }
 
     pub(super) fn carry(&self, level: Level, brick: Brick<'_>, way: &mut Way, worker: &mut Worker) {
-        let Marching { method, growth, .. } = self.marching;
+        let Marching { method, growth, map_every, .. } = self.marching;
         // Steps of other methods are taken wherever they lead.
         if !self.meet(level, brick, way, worker, method != Method::Gauss) {
             return;
         }
-        let rule = Rule { method, step: single(self.step), factor: single(1.0 + growth) };
+        let rule = Rule { method, step: single(self.step), factor: single(1.0 + growth), map_every };
         let mut walks = std::mem::take(&mut worker.walks);
         let mut batch = std::mem::take(&mut worker.batch);
         walks.clear();
@@ -150,20 +150,20 @@ impl Procedural<'_> {
             });
         }
         loop {
-            let mut count = 0;
+            let (mut count, mut nodes) = (0, 0);
             while count + 2 * LANES <= VOXELS
                 && let Some(mut walk) = walks.pop()
             {
                 if walk.is_going() {
-                    let places = &mut worker.places;
-                    place(level, Place { walk: &mut walk, hits: &way.hits, rule, places, count: &mut count });
+                    let (places, count, nodes) = (&mut worker.places, &mut count, &mut nodes);
+                    place(level, Place { walk: &mut walk, hits: &way.hits, rule, places, count, nodes });
                     batch.push(walk);
                 }
             }
             if batch.is_empty() {
                 break;
             }
-            self.evaluate(level, worker, count);
+            self.evaluate(level, worker, count, (map_every > 1).then_some(nodes));
             for mut walk in batch.drain(..) {
                 through(level, Through { walk: &mut walk, rule, brick, way, values: &worker.values });
                 if walk.is_going() {
@@ -191,7 +191,7 @@ impl Procedural<'_> {
             while done < usize::MAX {
                 let pieces = Pieces { brick, way, bins, worker, first, done };
                 let Some(next) = pieces_of(level, pieces) else { break };
-                self.evaluate(level, worker, (next - done) * 2 * LANES);
+                self.evaluate(level, worker, (next - done) * 2 * LANES, None);
                 add(level, Pieces { brick, way, bins, worker, first, done });
                 done = next;
             }
@@ -218,20 +218,23 @@ impl Procedural<'_> {
                 // The rest of a whole batch of lanes.
                 room[places.len()..places.len() + LANES].fill(0.0);
             }
-            self.evaluate(level, worker, places.len());
+            self.evaluate(level, worker, places.len(), None);
             out.extend_from_slice(&worker.values.0[..places.len()]);
         }
         worker.counts = [0; 2];
     }
 
-    /// The densities at the first places of a worker.
-    fn evaluate(&self, level: Level, worker: &mut Worker, count: usize) {
+    /// The densities at the first places of a worker, mapped where they are nodes only, if there are such.
+    fn evaluate(&self, level: Level, worker: &mut Worker, count: usize, nodes: Option<u32>) {
         let [x, y, z] = &worker.places;
         if let Some(values) = worker.values.all_mut()
             && let (Some(x), Some(y), Some(z)) = (x.all(), y.all(), z.all())
         {
-            let places = Places::First([x, y, z], count);
-            let counts = evaluate_block(level, &worker.region, places, &mut worker.scratch, values);
+            let (region, scratch) = (&worker.region, &mut worker.scratch);
+            let counts = match nodes {
+                Some(nodes) => evaluate_every(level, region, [x, y, z], (count, nodes), scratch, values),
+                None => evaluate_block(level, region, Places::First([x, y, z], count), scratch, values),
+            };
             worker.counts[0] += count as u64;
             worker.counts[1] += counts.inside;
         }

@@ -42,6 +42,8 @@ pub(super) struct Rule {
     pub(super) step: f32,
     /// Each is longer than the one before by this factor.
     pub(super) factor: f32,
+    /// See [`Marching`](super::Marching): with more than 1, samples are not packed, and segments are of one length.
+    pub(super) map_every: usize,
 }
 
 /// How a group of rays goes on through a brick.
@@ -127,6 +129,8 @@ pub(super) struct Place<'a> {
     pub(super) rule: Rule,
     pub(super) places: &'a mut [Box<Room>; 3],
     pub(super) count: &'a mut usize,
+    /// Of samples that are not packed: batches that are mapped, a bit each.
+    pub(super) nodes: &'a mut u32,
 }
 
 #[inline(never)]
@@ -143,7 +147,7 @@ impl WithLevel for Place<'_> {
         reason = "kernels hold no iterator adaptors: they may not be inlined"
     )]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        let Place { walk, hits, rule, places, count } = self;
+        let Place { walk, hits, rule, places, count, nodes } = self;
         let first = walk.first;
         let middle = R::constant(token, 0.5 * EDGE as f64);
         let factor = R::splat(token, rule.factor);
@@ -152,27 +156,40 @@ impl WithLevel for Place<'_> {
         walk.sample = *count;
         walk.segments = 0;
         let samples = rule.method.samples();
+        // Samples that are not packed are interpolated up to the node after a ray's last; there it stays.
+        let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+        let every = R::constant(token, rule.map_every as f64);
+        let stop = (zero - ((one - left) / every).floor()) * every;
         for segment in 0..AHEAD {
             let wanted = R::constant(token, segment as f64).lt(left);
             let lanes = R::bitmask(wanted);
-            let sampled = lanes.count_ones() as usize;
+            let is_packed = rule.map_every == 1;
+            let sampled = if is_packed { lanes.count_ones() as usize } else { LANES };
             if lanes == 0 || *count + samples.len() * sampled > VOXELS {
                 break;
             }
             walk.lanes[segment] = lanes;
             walk.segments = segment + 1;
+            let stored = if is_packed { wanted } else { R::from_bitmask(token, 0xffff) };
+            if segment % rule.map_every == 0 {
+                *nodes |= 1 << (*count / LANES % 32);
+            }
             for sample in samples {
                 let place = (at + R::constant(token, *sample) * length).least(end);
                 for axis in 0..3 {
                     let position = R::load(token, &hits.position[axis][first..first + LANES]);
                     let direction = R::load(token, &hits.direction[axis][first..first + LANES]);
                     let place = position + place * direction - middle;
-                    place.compress(wanted).store(&mut places[axis].0[*count % (VOXELS + 1)..]);
+                    place.compress(stored).store(&mut places[axis].0[*count % (VOXELS + 1)..]);
                 }
                 *count += sampled;
             }
-            at = at + length;
+            let goes_on = R::constant(token, segment as f64).lt(stop);
+            at = if is_packed { at + length } else { R::select(goes_on, at + length, at) };
             length = length * factor;
+        }
+        if walk.segments > 0 {
+            *nodes |= 1 << ((*count / LANES).wrapping_sub(1) % 32);
         }
     }
 }
@@ -214,12 +231,15 @@ impl WithLevel for Through<'_> {
         let mut sample = walk.sample;
         for segment in 0..walk.segments {
             let sampled = R::from_bitmask(token, walk.lanes[segment]);
-            let samples = walk.lanes[segment].count_ones() as usize;
-            let near = R::load(token, &values.0[sample % (VOXELS + 1)..]).expand(sampled);
+            // Those that are not packed are at their own lanes already.
+            let is_packed = rule.map_every == 1;
+            let samples = if is_packed { walk.lanes[segment].count_ones() as usize } else { LANES };
+            let packed = if is_packed { sampled } else { R::from_bitmask(token, 0xffff) };
+            let near = R::load(token, &values.0[sample % (VOXELS + 1)..]).expand(packed);
             sample += samples;
             let mut far = near;
             if rule.method == Method::Gauss {
-                far = R::load(token, &values.0[sample % (VOXELS + 1)..]).expand(sampled);
+                far = R::load(token, &values.0[sample % (VOXELS + 1)..]).expand(packed);
                 sample += samples;
             }
             let seeing = group.going(token, wanted);

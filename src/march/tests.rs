@@ -387,7 +387,7 @@ fn methods_have_their_orders() {
 fn wherever_marching_begins_the_picture_is_the_same() {
     for entry in [Entry::Cones, Entry::Constant, Entry::Converging, Entry::SphereTracing] {
         for growth in [0.0, 0.02] {
-            let marching = Marching { method: Method::Midpoint, growth, entry };
+            let marching = Marching { method: Method::Midpoint, growth, entry, map_every: 1 };
             let (error, [evaluated, inside]) = linear_tube(marching, 0.5);
             // The error of order 2, of steps that become half as long again as the first; and what is lost in front of a
             // beginning that is found a step late.
@@ -404,4 +404,41 @@ fn nothing_is_evaluated_outside_of_tubes() {
     // Bounds are thicker by hundredths of a voxel, and no sample is at a segment's end. (Where pieces of the axis touch, what
     // is inside counts for both.)
     assert!(inside / 2 < evaluated && evaluated <= inside, "{evaluated}, {inside}");
+}
+
+#[test]
+fn interpolated_maps_are_of_order_two_in_their_distance() {
+    // A bent and twisted tube with noise, whose pieces change along rays.
+    let text = "
+[bake]
+voxel_size = 0.03
+[[tube]]
+curve = { points = [[-2, 0, 0], [0, 0, 1.5], [2, 0, 0], [4, 0, -1.5], [5, 1, 0]] }
+radius = [[0, 0.4], [1, 0.8]]
+twist = 0.7
+[[tube.layer]]
+frequency = [2, 2, 3]
+octaves = 2
+";
+    let scene = Scene::parse(text, "tube").expect("valid");
+    let field = Field::compile(&scene);
+    let camera = looking(DVec3::new(1.0, -6.0, 1.5), DVec3::new(1.0, 0.0, 0.3), 0.4, false);
+    let film = |map_every: usize| {
+        let marching = Marching { method: Method::Midpoint, map_every, ..Marching::default() };
+        let procedural = Procedural::new(&field, Lattice { voxel_size: 0.03 }, 0.5, 1 << 30).expect("small");
+        take(&Medium::Procedural(procedural.with(marching)), camera, &optics(1.0), 40, 2.0).depth
+    };
+    let truth = film(1);
+    let size = (truth.iter().map(|depth| depth * depth).sum::<f64>()).sqrt();
+    let errors = [2, 4, 8].map(|every| {
+        let found = film(every);
+        let squares: f64 = found.iter().zip(&truth).map(|(a, b)| (a - b) * (a - b)).sum();
+        squares.sqrt() / size
+    });
+    // Places mapped one voxel apart, of a tube of 13 to 27 voxels: (1 / 20)^2 / 8 of a radius at most, and noise of 2 cells a
+    // radius.
+    assert!(errors[0] < 3e-4 && errors[0] > 1e-9, "{errors:?}");
+    for pair in errors.windows(2) {
+        assert!(pair[1] > 2.5 * pair[0] && pair[1] < 6.0 * pair[0], "{errors:?}");
+    }
 }

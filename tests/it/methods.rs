@@ -24,6 +24,7 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
         &["--method", "alpha", "--entry", "constant"],
         &["--method", "midpoint", "--entry", "converging", "--growth", "0.01"],
         &["--method", "midpoint", "--entry", "sphere-tracing", "--step", "2"],
+        &["--method", "alpha", "--map-every", "4"],
     ] {
         let (code, mean, message) = draw(options);
         assert_eq!(code, 0, "{message}");
@@ -33,6 +34,11 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
     for (options, said) in [
         (&["--growth", "0.1"][..], "--growth has no meaning for the method `gauss`"),
         (&["--method", "gauss", "--entry", "constant"], "--entry has no meaning for the method `gauss`"),
+        (&["--map-every", "2"], "--map-every has no meaning for the method `gauss`"),
+        (
+            &["--method", "alpha", "--growth", "0.1", "--map-every", "2"],
+            "--map-every needs steps of one length, and --growth makes them longer",
+        ),
         (&["--method", "alpha", "--growth", "-1"], "expected a part from 0 to 1"),
         (&["--method", "simpson"], "invalid value 'simpson'"),
     ] {
@@ -41,7 +47,7 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
         assert!(message.contains(said), "{message}");
     }
     assert_eq!(folder.run(&["bake", "bent.toml", "-o", "bent.vdb"]).status.code(), Some(0));
-    for option in [["--method", "alpha"], ["--growth", "0.1"], ["--entry", "cones"]] {
+    for option in [["--method", "alpha"], ["--growth", "0.1"], ["--entry", "cones"], ["--map-every", "1"]] {
         let output = folder.run(&[&["render", "bent.vdb", "-o", "a.png"], &option[..]].concat());
         assert_eq!(output.status.code(), Some(2));
         let message = String::from_utf8(output.stderr).expect("UTF-8");

@@ -61,6 +61,10 @@ pub(super) struct Arguments {
     /// Of `midpoint` and `alpha`: how the place is found where a ray enters the tubes [default: cones]
     #[arg(long, value_name = "HOW")]
     entry: Option<EntryName>,
+    /// Of `midpoint` and `alpha`, without growth: places are mapped to the tubes' cylinders at every so many steps, and what they
+    /// are mapped to is interpolated between [default: 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=16))]
+    map_every: Option<u8>,
     /// Voxels between the rays that shadows are found by
     #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 2.0, allow_hyphen_values = true)]
     shadow_step: f64,
@@ -109,13 +113,24 @@ impl Arguments {
             Some(EntryName::Converging) => Entry::Converging,
             Some(EntryName::SphereTracing) => Entry::SphereTracing,
         };
-        for (given, option) in [(self.growth.is_some(), "--growth"), (self.entry.is_some(), "--entry")] {
+        let asked = [
+            (self.growth.is_some(), "--growth"),
+            (self.entry.is_some(), "--entry"),
+            (self.map_every.is_some(), "--map-every"),
+        ];
+        for (given, option) in asked {
             if given && method == Method::Gauss {
                 let message = format!("{option} has no meaning for the method `gauss`");
                 return Err(Failure::usage(message).hint("choose --method midpoint or --method alpha"));
             }
         }
-        Ok(Marching { method, growth: self.growth.unwrap_or(0.0), entry })
+        let (growth, map_every) = (self.growth.unwrap_or(0.0), self.map_every.unwrap_or(1));
+        if growth > 0.0 && map_every > 1 {
+            return Err(Failure::usage(
+                "--map-every needs steps of one length, and --growth makes them longer",
+            ));
+        }
+        Ok(Marching { method, growth, entry, map_every: map_every.into() })
     }
 
     /// The first option that is given and says how rays go through a scene.
@@ -124,6 +139,7 @@ impl Arguments {
             (self.method.is_some(), "--method"),
             (self.growth.is_some(), "--growth"),
             (self.entry.is_some(), "--entry"),
+            (self.map_every.is_some(), "--map-every"),
         ]
         .into_iter()
         .find_map(|(given, option)| given.then_some(option))

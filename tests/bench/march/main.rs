@@ -226,7 +226,7 @@ fn methods(options: &Options) -> Table {
                 over,
             ]);
         };
-        let of = |method: Method, entry: Entry, growth: f64| Marching { method, growth, entry };
+        let of = |method: Method, entry: Entry, growth: f64| Marching { method, growth, entry, map_every: 1 };
         for (text, method) in
             [("gauss", Method::Gauss), ("midpoint", Method::Midpoint), ("alpha", Method::Alpha)]
         {
@@ -240,6 +240,10 @@ fn methods(options: &Options) -> Table {
             ("sphere tracing", Entry::SphereTracing),
         ] {
             row("alpha", text, of(Method::Alpha, entry, 0.0), 1.0);
+        }
+        for (text, map_every) in [("midpoint, map every 2", 2), ("midpoint, map every 4", 4)] {
+            let marching = Marching { method: Method::Midpoint, map_every, ..Marching::default() };
+            row(text, "cones", marching, 1.0);
         }
         row("alpha, growing by 1 %", "cones", of(Method::Alpha, Entry::Cones, 0.01), 1.0);
     }
