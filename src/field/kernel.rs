@@ -159,36 +159,12 @@ pub fn evaluate<R: Real>(
         for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
             let rows = match places {
                 Places::Centres => near::rows::<R>(token, &piece.near, &scratch.numbers),
-                Places::Points([x, ..]) => first_rows(x.len() / EDGE),
+                Places::Points([x, ..]) => first_rows(x.len()),
             };
-            let searched = lanes_of::<R>(rows);
-            counts.searched += searched;
-            let packed = match piece.search {
-                _ if rows == 0 => continue,
-                Search::Point { is_corner } => {
-                    at_point::<R>(token, piece, places, rows, is_corner, apart, scratch)
-                }
-                Search::Newton { .. } | Search::Bracket => {
-                    let settled = match piece.search {
-                        Search::Newton { cubic: false } => {
-                            newton::<R, false>(token, piece, places, rows, scratch)
-                        }
-                        Search::Newton { cubic: true } => {
-                            newton::<R, true>(token, piece, places, rows, scratch)
-                        }
-                        _ => false,
-                    };
-                    if !settled {
-                        counts.bisected += searched;
-                        bracket::<R>(token, piece, places, rows, scratch);
-                    }
-                    if piece.is_cubic {
-                        coordinates::<R, 4>(token, piece, places, rows, apart, scratch)
-                    } else {
-                        coordinates::<R, TERMS>(token, piece, places, rows, apart, scratch)
-                    }
-                }
-            };
+            if rows == 0 {
+                continue;
+            }
+            let packed = map::<R>(token, piece, places, rows, apart, scratch, &mut counts);
             if piece.in_world {
                 pack_places::<R>(token, places, scratch);
             }
@@ -210,10 +186,44 @@ pub fn evaluate<R: Real>(
     counts
 }
 
-/// So many of a block's rows.
+/// The first two passes: coordinates and envelope of the voxels inside, packed; returns their number. Of the rows `near`
+/// only.
 #[inline(always)]
-fn first_rows(count: usize) -> u64 {
-    if count < EDGE * EDGE { (1 << count) - 1 } else { u64::MAX }
+pub(super) fn map<R: Real>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
+    near: u64,
+    apart: bool,
+    scratch: &mut Scratch<R::Scalar>,
+    counts: &mut Counts,
+) -> usize {
+    let searched = lanes_of::<R>(near);
+    counts.searched += searched;
+    let settled = match piece.search {
+        Search::Point { is_corner } => {
+            return at_point::<R>(token, piece, places, near, is_corner, apart, scratch);
+        }
+        Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, near, scratch),
+        Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, near, scratch),
+        Search::Bracket => false,
+    };
+    if !settled {
+        counts.bisected += searched;
+        bracket::<R>(token, piece, places, near, scratch);
+    }
+    if piece.is_cubic {
+        coordinates::<R, 4>(token, piece, places, near, apart, scratch)
+    } else {
+        coordinates::<R, TERMS>(token, piece, places, near, apart, scratch)
+    }
+}
+
+/// The rows that hold the first places of a block.
+#[inline(always)]
+pub(super) fn first_rows(count: usize) -> u64 {
+    let rows = count.div_ceil(EDGE);
+    if rows >= VOXELS / EDGE { u64::MAX } else { (1 << rows) - 1 }
 }
 
 /// Lanes of the batches that have voxels of these rows.
@@ -350,7 +360,13 @@ fn at_point<R: Real>(
 }
 
 #[inline(always)]
-fn pack<R: Real>(scratch: &mut Scratch<R::Scalar>, packed: usize, inside: R::Mask, bits: u32, lanes: [R; 4]) {
+pub(super) fn pack<R: Real>(
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+    inside: R::Mask,
+    bits: u32,
+    lanes: [R; 4],
+) {
     packed_lanes(lanes[0], inside, bits).store(scratch.u.part_mut(packed));
     packed_lanes(lanes[1], inside, bits).store(scratch.v.part_mut(packed));
     packed_lanes(lanes[2], inside, bits).store(scratch.height.part_mut(packed));
@@ -364,7 +380,7 @@ fn packed_lanes<R: Real>(lanes: R, mask: R::Mask, bits: u32) -> R {
 }
 
 #[inline(always)]
-fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar], eta: R) -> R {
+pub(super) fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar], eta: R) -> R {
     let mut sum = R::splat(token, c[N - 1]);
     for k in (0..N - 1).rev() {
         sum = sum * eta + R::splat(token, c[k]);
@@ -374,7 +390,12 @@ fn along<R: Real, const N: usize>(token: R::Token, c: &[R::Scalar], eta: R) -> R
 
 /// (u, v) in the cross-section turned by what it twists from the piece's middle.
 #[inline(always)]
-fn turned<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, [u, v]: [R; 2], height: R) -> [R; 2] {
+pub(super) fn turned<R: Real>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    [u, v]: [R; 2],
+    height: R,
+) -> [R; 2] {
     let Some(twist) = &piece.twist else { return [u, v] };
     let turns = R::splat(token, twist.rate) * height;
     let (sin, cos) = if twist.is_gentle { turns.sin_cos_eighth(token) } else { turns.sin_cos_turns(token) };
@@ -396,7 +417,7 @@ fn smoothstep<R: Real>(token: R::Token, t: R) -> R {
 }
 
 #[inline(always)]
-fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R, height: R) -> R {
+pub(super) fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R, height: R) -> R {
     let one = R::constant(token, 1.0);
     let mut weight = match piece.radial {
         Radial::Smooth => (one - q) * (one - q),

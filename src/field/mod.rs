@@ -100,7 +100,7 @@
 //!
 //! [`Field::compile`] cuts every axis into *spans* on which the frame over the radius, and the arc length, are
 //! polynomials of degree 5 to within 3e-7. [`Field::cover`] lists short capsules that hold all of the density, for the
-//! plan. [`Field::narrow`] takes the parts of the axis whose capsules reach a block of voxels, proves in f64 which of
+//! plan; `hulls` holds it more closely, for rays. [`Field::narrow`] takes the parts of the axis whose capsules reach a block of voxels, proves in f64 which of
 //! them can hold feet of its voxels and whether they hold at most one for each, and leaves a [`Region`]: polynomials
 //! re-centred on the block, so that single precision suffices wherever the block lies and however large the scene is.
 //! [`kernel`] then works through all voxels of the block.
@@ -110,9 +110,11 @@ mod bounds;
 mod cover;
 mod detail;
 mod edges;
+pub mod every;
 mod explain;
 mod extent;
 mod feet;
+mod hulls;
 mod join;
 pub mod kernel;
 mod layers;
@@ -127,6 +129,7 @@ mod tube;
 
 pub use cover::Capsule;
 pub use extent::extent;
+pub(crate) use hulls::{Ball, Cone, Hull};
 pub use narrow::Candidate;
 pub use region::Region;
 

@@ -29,6 +29,7 @@ pub(super) struct Way {
 
 /// What light goes through: density in bricks of 8^3 cells of a grid, each with one of two kinds of density.
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum Medium<'a> {
     /// Voxels, and what is linear between them.
     Baked(Baked),
@@ -53,9 +54,24 @@ impl Medium<'_> {
         }
     }
 
+    /// Of a scene: [`Procedural::places`].
+    pub fn places(&self) -> Option<[u64; 2]> {
+        match self {
+            Medium::Baked(_) => None,
+            Medium::Procedural(procedural) => Some(procedural.places()),
+        }
+    }
+
     /// Number of bricks that may have density.
     pub fn brick_count(&self) -> usize {
         self.bricks().blocks.len()
+    }
+
+    /// Gets ready to carry a tile's new rays.
+    pub(super) fn begin(&self, rays: &Rays, worker: &mut Worker) {
+        if let Medium::Procedural(procedural) = self {
+            procedural.begin(rays, worker);
+        }
     }
 
     /// Carries the rays of a tile through a brick.

@@ -28,20 +28,26 @@
 //!
 //! - Voxels (`baked`): a ray goes from cell to cell. There the density along it is a polynomial of degree 3, which Gauss's rule
 //!   of two samples integrates exactly; so the optical depth of voxels has no error but rounding.
-//! - Scenes (`procedural`): the same rule over equal segments no longer than a step, shorter where it is dense. Its error is of
-//!   order 4 in the step where the density is smooth.
+//! - Scenes (`procedural`): the same rule over equal segments no longer than a step, shorter where it is dense (`steps`). They
+//!   begin and end where a ray enters and leaves the tubes (`clip`), by the closed forms of truncated cones along them
+//!   (`cones`, and a tree of them in `bvh`). So the error is of order 4 in the step where the density is smooth inside tubes,
+//!   and nothing is evaluated outside of them. Other programs' rules are there to be compared with (`methods`).
 //! - Within a segment the source is linear in the optical depth (`segment`): a uniform source is integrated exactly.
 //! - Shadows (`shadow`) are kept as optical depths along rays from the lamps.
 
 mod baked;
 mod bins;
 mod blackbody;
+mod bvh;
 mod camera;
+mod clip;
+mod cones;
 mod display;
 mod exact;
 mod grid;
 mod majorant;
 mod medium;
+mod methods;
 mod nodes;
 mod optics;
 mod path;
@@ -53,6 +59,7 @@ mod rays;
 mod segment;
 mod shade;
 mod shadow;
+mod steps;
 mod table;
 #[cfg(test)]
 mod testing;
@@ -65,9 +72,11 @@ mod walk;
 pub use baked::{Baked, BakedError, Meaning};
 pub use blackbody::black_body;
 pub use camera::{Camera, Ray};
+pub use cones::{Interval, TubeBounds};
 pub use display::Developed;
 pub use grid::Grid;
 pub use medium::Medium;
+pub use methods::{Entry, Marching, Method};
 pub use optics::{Lamp, MOST_LAMPS, Optics};
 pub use picture::{Film, Integrator, Picture, Quality, Shadow};
 pub use procedural::Procedural;

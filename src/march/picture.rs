@@ -294,6 +294,7 @@ impl<'a> Picture<'a> {
         let optics = self.seen_by_rays();
         let caster = Caster { medium: self.medium, optics, level: self.level };
         way.rays.begin(grid, self.tiles.rays(tile, &self.camera, at));
+        self.medium.begin(&way.rays, worker);
         for seen in seen {
             if way.rays.is_done() {
                 break;

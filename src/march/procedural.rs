@@ -1,22 +1,26 @@
 //! A medium that is a scene's density itself.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use glam::DVec3;
 
 use super::bins::Bins;
+use super::clip::Near;
+use super::cones::TubeBounds;
 use super::grid::{Bricks, EDGE, Grid};
 use super::medium::{Brick, Way};
-use super::rays::{Hits, LANES, single};
+use super::methods::{Marching, Method, Strides};
+use super::rays::{LANES, Rays, single};
 use super::segment::GAUSS;
-use super::shade::{Group, LONGEST, Lit, Wanted};
+use super::shade::Group;
+use super::steps::{Place, Room, Rule, Through, Walk, place, through};
 use crate::field::kernel::{Places, Scratch};
 use crate::field::{Extent, Field, Lattice, Region, VOXELS};
 use crate::num::{Level, Real, WithLevel, with_level};
-use crate::volume::{Plan, PlanError, evaluate_block};
+use crate::volume::{Plan, PlanError, evaluate_block, evaluate_every};
 
-/// Segments of a group of rays that are evaluated at once: two places each.
+/// Pieces of a group of rays that are evaluated at once: two places each.
 const AT_ONCE: usize = VOXELS / (2 * LANES);
-/// A segment is divided no more often than into so many.
-const MOST_SEGMENTS: f32 = 65536.0;
 
 /// The density of a scene, as a bake with this lattice would sample it, everywhere.
 #[derive(Debug)]
@@ -25,7 +29,11 @@ pub struct Procedural<'a> {
     plan: Plan,
     grid: Grid,
     bricks: Bricks,
-    step: f32,
+    bounds: TubeBounds,
+    step: f64,
+    marching: Marching,
+    /// Places that the density was evaluated at, and those of them that were inside a tube.
+    places: [AtomicU64; 2],
 }
 
 /// A thread's memory.
@@ -33,16 +41,15 @@ pub struct Procedural<'a> {
 pub(super) struct Worker {
     region: Region<f32>,
     scratch: Scratch<f32>,
+    near: Near,
+    strides: Strides,
+    /// Walks that go on, and those among them whose next segments are evaluated.
+    walks: Vec<Walk>,
+    batch: Vec<Walk>,
     places: [Box<Room>; 3],
     values: Box<Room>,
-}
-
-struct Room([f32; VOXELS]);
-
-impl Default for Room {
-    fn default() -> Room {
-        Room([0.0; VOXELS])
-    }
+    /// As [`Procedural::places`].
+    counts: [u64; 2],
 }
 
 impl<'a> Procedural<'a> {
@@ -60,8 +67,27 @@ impl<'a> Procedural<'a> {
     ) -> Result<Procedural<'a>, PlanError> {
         let plan = Plan::for_extent(field, lattice, Extent::Whole, budget)?;
         let blocks = (0..plan.bricks()).map(|brick| plan.origin(brick).map(|c| c >> 3)).collect();
-        let grid = Grid::cubic(lattice.voxel_size);
-        Ok(Procedural { field, plan, grid, bricks: Bricks::new(blocks), step: single(step) })
+        Ok(Procedural {
+            field,
+            plan,
+            grid: Grid::cubic(lattice.voxel_size),
+            bricks: Bricks::new(blocks),
+            bounds: TubeBounds::new(field, lattice),
+            step,
+            marching: Marching::default(),
+            places: [AtomicU64::new(0), AtomicU64::new(0)],
+        })
+    }
+
+    /// The same, marched through in another way. (Shadows are found by Gauss's rule always.)
+    pub fn with(self, marching: Marching) -> Procedural<'a> {
+        Procedural { marching, ..self }
+    }
+
+    /// Places that the density was evaluated at so far, and how many of them were inside a tube (of several pieces of tubes
+    /// at one place each counts).
+    pub fn places(&self) -> [u64; 2] {
+        self.places.each_ref().map(|count| count.load(Ordering::Relaxed))
     }
 }
 
@@ -74,23 +100,79 @@ impl Procedural<'_> {
         &self.bricks
     }
 
-    pub(super) fn carry(&self, level: Level, brick: Brick<'_>, way: &mut Way, worker: &mut Worker) {
-        find(level, Find { brick, way });
+    /// Gets ready for new rays that are to be carried.
+    pub(super) fn begin(&self, rays: &Rays, worker: &mut Worker) {
+        if self.marching.method != Method::Gauss {
+            worker.strides.begin(rays, &self.bounds, self.marching, self.step, self.voxel());
+        }
+    }
+
+    fn voxel(&self) -> f64 {
+        self.plan.lattice().voxel_size
+    }
+
+    /// Finds the rays that meet a tube in a brick, or with `is_whole` those that meet the brick, and narrows the field to it;
+    /// `false` where there is nothing.
+    fn meet(
+        &self,
+        level: Level,
+        brick: Brick<'_>,
+        way: &mut Way,
+        worker: &mut Worker,
+        is_whole: bool,
+    ) -> bool {
+        if !is_whole {
+            worker.near.gather(&self.bounds, brick.block, self.voxel());
+        }
+        find(level, Find { brick, way, near: (!is_whole).then_some(&worker.near) });
         if way.hits.count == 0 {
-            return;
+            return false;
         }
         self.plan.narrow(self.field, brick.seen.brick as usize, &mut worker.region);
-        if worker.region.is_empty() {
+        !worker.region.is_empty()
+    }
+
+    pub(super) fn carry(&self, level: Level, brick: Brick<'_>, way: &mut Way, worker: &mut Worker) {
+        let Marching { method, growth, map_every, .. } = self.marching;
+        // Steps of other methods are taken wherever they lead.
+        if !self.meet(level, brick, way, worker, method != Method::Gauss) {
             return;
         }
-        for first in (0..way.hits.count).step_by(LANES) {
-            let mut walk = Walk::new(&way.hits, first, self.step);
-            while walk.is_going() {
-                place(level, Place { walk: &walk, hits: &way.hits, worker });
-                self.evaluate(level, worker);
-                through(level, Through { walk: &mut walk, brick, way, values: &worker.values.0 });
+        let rule = Rule { method, step: single(self.step), factor: single(1.0 + growth), map_every };
+        let mut walks = std::mem::take(&mut worker.walks);
+        let mut batch = std::mem::take(&mut worker.batch);
+        walks.clear();
+        // The last is taken first.
+        for first in (0..way.hits.count).step_by(LANES).rev() {
+            walks.push(match method {
+                Method::Gauss => Walk::even(&way.hits, first, rule),
+                _ => Walk::strides(&way.hits, first, rule, &mut worker.strides),
+            });
+        }
+        loop {
+            let (mut count, mut nodes) = (0, 0);
+            while count + 2 * LANES <= VOXELS
+                && let Some(mut walk) = walks.pop()
+            {
+                if walk.is_going() {
+                    let (places, count, nodes) = (&mut worker.places, &mut count, &mut nodes);
+                    place(level, Place { walk: &mut walk, hits: &way.hits, rule, places, count, nodes });
+                    batch.push(walk);
+                }
+            }
+            if batch.is_empty() {
+                break;
+            }
+            self.evaluate(level, worker, count, (map_every > 1).then_some(nodes));
+            for mut walk in batch.drain(..) {
+                through(level, Through { walk: &mut walk, rule, brick, way, values: &worker.values });
+                if walk.is_going() {
+                    walks.push(walk);
+                }
             }
         }
+        (worker.walks, worker.batch) = (walks, batch);
+        self.count(worker);
     }
 
     pub(super) fn record(
@@ -101,12 +183,7 @@ impl Procedural<'_> {
         bins: &mut Bins,
         worker: &mut Worker,
     ) {
-        find(level, Find { brick, way });
-        if way.hits.count == 0 {
-            return;
-        }
-        self.plan.narrow(self.field, brick.seen.brick as usize, &mut worker.region);
-        if worker.region.is_empty() {
+        if !self.meet(level, brick, way, worker, false) {
             return;
         }
         for first in (0..way.hits.count).step_by(LANES) {
@@ -114,11 +191,12 @@ impl Procedural<'_> {
             while done < usize::MAX {
                 let pieces = Pieces { brick, way, bins, worker, first, done };
                 let Some(next) = pieces_of(level, pieces) else { break };
-                self.evaluate(level, worker);
+                self.evaluate(level, worker, (next - done) * 2 * LANES, None);
                 add(level, Pieces { brick, way, bins, worker, first, done });
                 done = next;
             }
         }
+        worker.counts = [0; 2];
     }
 
     pub(super) fn densities(
@@ -135,23 +213,21 @@ impl Procedural<'_> {
             let count = places.len().next_multiple_of(LANES);
             for axis in 0..3 {
                 let room = &mut worker.places[axis].0;
-                // The rest of the last lanes is taken to where the last place is.
-                let last = places.last().map_or(0.0, |place| single(place[axis] - middle));
-                room[..count].fill(last);
                 for (to, place) in room.iter_mut().zip(places) {
                     *to = single(place[axis] - middle);
                 }
+                // The rest of a whole batch of lanes.
+                room[places.len()..places.len() + LANES].fill(0.0);
             }
-            self.evaluate_first(count, level, worker);
+            self.evaluate(level, worker, count, None);
             out.extend_from_slice(&worker.values.0[..places.len()]);
         }
+        worker.counts = [0; 2];
     }
-}
 
-impl Procedural<'_> {
     /// Cells between two steps along a ray.
     pub(super) fn step(&self) -> f64 {
-        f64::from(self.step)
+        self.step
     }
 
     /// A density that no place of a brick is above.
@@ -160,20 +236,39 @@ impl Procedural<'_> {
         single(self.field.bound_in(&worker.region)).next_up()
     }
 
-    fn evaluate(&self, level: Level, worker: &mut Worker) {
-        self.evaluate_first(VOXELS, level, worker);
+    /// The densities at the first places of a worker, mapped where they are nodes only, if there are such.
+    fn evaluate(&self, level: Level, worker: &mut Worker, count: usize, nodes: Option<u32>) {
+        let [x, y, z] = &worker.places;
+        if let Some(values) = worker.values.all_mut()
+            && let (Some(x), Some(y), Some(z)) = (x.all(), y.all(), z.all())
+        {
+            let (region, scratch) = (&worker.region, &mut worker.scratch);
+            let counts = match nodes {
+                Some(nodes) => evaluate_every(level, region, [x, y, z], (count, nodes), scratch, values),
+                None => evaluate_block(
+                    level,
+                    region,
+                    Places::Points([&x[..count], &y[..count], &z[..count]]),
+                    scratch,
+                    values,
+                ),
+            };
+            worker.counts[0] += count as u64;
+            worker.counts[1] += counts.inside;
+        }
     }
 
-    fn evaluate_first(&self, count: usize, level: Level, worker: &mut Worker) {
-        let [x, y, z] = &worker.places;
-        let places = Places::Points([&x.0[..count], &y.0[..count], &z.0[..count]]);
-        evaluate_block(level, &worker.region, places, &mut worker.scratch, &mut worker.values.0);
+    fn count(&self, worker: &mut Worker) {
+        for (all, count) in self.places.iter().zip(&mut worker.counts) {
+            all.fetch_add(std::mem::take(count), Ordering::Relaxed);
+        }
     }
 }
 
 struct Find<'a> {
     brick: Brick<'a>,
     way: &'a mut Way,
+    near: Option<&'a Near>,
 }
 
 #[inline(never)]
@@ -185,158 +280,12 @@ impl WithLevel for Find<'_> {
     type Output = ();
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        self.way.hits.find::<R>(token, &self.way.rays, self.brick.block, self.brick.seen);
-        self.way.hits.fill();
-    }
-}
-
-/// How a group of rays goes on through a brick.
-struct Walk {
-    first: usize,
-    /// Where each ray is, and the length of its segments.
-    at: [f32; LANES],
-    length: [f32; LANES],
-    end: [f32; LANES],
-    /// The length of a segment that nothing divides.
-    step: f32,
-}
-
-impl Walk {
-    fn new(hits: &Hits, first: usize, step: f32) -> Walk {
-        let mut walk = Walk { first, at: [0.0; LANES], length: [0.0; LANES], end: [0.0; LANES], step };
-        walk.at.copy_from_slice(&hits.begin[first..first + LANES]);
-        walk.end.copy_from_slice(&hits.end[first..first + LANES]);
-        for lane in 0..LANES {
-            walk.length[lane] = even(walk.end[lane] - walk.at[lane], step);
+        let Way { rays, hits } = self.way;
+        hits.find::<R>(token, rays, self.brick.block, self.brick.seen);
+        if let Some(near) = self.near {
+            near.clip::<R>(token, hits);
         }
-        walk
-    }
-
-    fn is_going(&self) -> bool {
-        (0..LANES).any(|lane| self.at[lane] < self.end[lane])
-    }
-}
-
-/// The length of equal segments, no longer than `step`, that fill a way.
-#[inline(always)]
-fn even(way: f32, step: f32) -> f32 {
-    if way > 0.0 { way / (way / step).ceil().clamp(1.0, MOST_SEGMENTS) } else { 0.0 }
-}
-
-/// Places of the next segments' samples.
-struct Place<'a> {
-    walk: &'a Walk,
-    hits: &'a Hits,
-    worker: &'a mut Worker,
-}
-
-#[inline(never)]
-fn place(level: Level, code: Place<'_>) {
-    with_level(level, code);
-}
-
-impl WithLevel for Place<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        let Place { walk, hits, worker } = self;
-        let first = walk.first;
-        let middle = R::constant(token, 0.5 * f64::from(EDGE));
-        let (at, length) = (R::load(token, &walk.at), R::load(token, &walk.length));
-        let end = R::load(token, &walk.end);
-        for segment in 0..AT_ONCE {
-            for (sample, gauss) in GAUSS.into_iter().enumerate() {
-                #[allow(clippy::cast_precision_loss, reason = "small")]
-                let by = R::constant(token, segment as f64 + gauss);
-                // Beyond the end, where nobody asks, still within the brick.
-                let place = (at + by * length).least(end);
-                let to = (2 * segment + sample) * LANES;
-                for axis in 0..3 {
-                    let position = R::load(token, &hits.position[axis][first..first + LANES]);
-                    let direction = R::load(token, &hits.direction[axis][first..first + LANES]);
-                    (position + place * direction - middle).store(&mut worker.places[axis].0[to..]);
-                }
-            }
-        }
-    }
-}
-
-/// Takes a group of rays through segments whose densities are known.
-struct Through<'a> {
-    walk: &'a mut Walk,
-    brick: Brick<'a>,
-    way: &'a mut Way,
-    values: &'a [f32; VOXELS],
-}
-
-#[inline(never)]
-fn through(level: Level, code: Through<'_>) {
-    with_level(level, code);
-}
-
-impl WithLevel for Through<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        let Through { walk, brick, way: Way { rays, hits }, values } = self;
-        let (wanted, lit): (&Wanted, &Lit<'_>) = (brick.wanted, brick.lit);
-        let first = walk.first;
-        let mut group = Group::<R>::new(token, rays, hits, first, wanted);
-        let zero = R::constant(token, 0.0);
-        group.start(R::load(token, &walk.at));
-        let end = R::load(token, &walk.end);
-        let length = R::load(token, &walk.length);
-        // A ray that has come to segments too dense for their length waits there.
-        let mut waits = R::from_bitmask(token, 0);
-        let longest = R::constant(token, 1.5 * LONGEST);
-        let shortest = R::constant(token, f64::from(walk.step) / f64::from(MOST_SEGMENTS));
-        let slack = R::constant(token, 0.5);
-        let mut densest = zero;
-        for segment in 0..AT_ONCE {
-            let near = R::load(token, &values[2 * segment * LANES..]);
-            let far = R::load(token, &values[(2 * segment + 1) * LANES..]);
-            let going = R::and(group.going(token, wanted), R::not(waits));
-            // Half a segment at least is left, or rounding has made one too many.
-            let going = R::and(going, (slack * length).lt(end - group.at));
-            if R::bitmask(going) == 0 {
-                break;
-            }
-            let density = (near + far) * R::constant(token, 0.5);
-            let mut depth = density * length * group.extinction;
-            let mut goes = going;
-            let dense = R::and(longest.lt(depth), shortest.lt(length));
-            let dense = R::and(going, dense);
-            if R::bitmask(dense) != 0 {
-                waits = R::or(waits, dense);
-                goes = R::and(going, R::not(dense));
-                densest = R::select(dense, near.most(far) * group.extinction, densest);
-            }
-            depth = R::select(goes, depth, zero);
-            group.pass(token, lit, R::select(goes, length, zero), depth, [near, far]);
-            group.gather(token, lit);
-        }
-        let seeing = (group.before + group.depth).lt(R::constant(token, wanted.deepest));
-        let (mut at, mut dense, mut waiting) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        group.at.store(&mut at);
-        densest.store(&mut dense);
-        R::select(waits, R::constant(token, 1.0), zero).store(&mut waiting);
-        let seeing = R::bitmask(seeing);
-        group.finish(rays, hits, first, wanted, lit.lamps);
-        for lane in 0..LANES {
-            let left = walk.end[lane] - at[lane];
-            if seeing >> lane & 1 == 0 || left <= 0.5 * walk.length[lane] {
-                walk.at[lane] = walk.end[lane];
-                walk.length[lane] = 0.0;
-            } else if waiting[lane] > 0.0 {
-                walk.at[lane] = at[lane];
-                // As long as would do if it were as dense as here everywhere; shorter than before in any case.
-                let wished = single(LONGEST) / dense[lane];
-                walk.length[lane] = wished.clamp(walk.length[lane] / 64.0, walk.length[lane] / 2.0);
-            } else {
-                walk.at[lane] = at[lane];
-                walk.length[lane] = even(left, walk.step);
-            }
-        }
+        hits.fill();
     }
 }
 

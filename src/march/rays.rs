@@ -1,5 +1,7 @@
 //! A tile's rays, and those of them that meet a brick.
 
+use glam::DVec3;
+
 use super::camera::Ray;
 use super::grid::{EDGE, Grid};
 use super::optics::MOST_LAMPS;
@@ -74,6 +76,13 @@ impl Rays {
             self.metres[number] = metres;
             self.alive[number / LANES] |= 1 << (number % LANES);
         }
+    }
+
+    /// A ray, in cells; `None` where there is none, or where it sees nothing more.
+    pub(super) fn ray(&self, number: usize) -> Option<Ray> {
+        let is_alive = self.alive[number / LANES] >> (number % LANES) & 1 == 1;
+        let of = |all: &[Box<[f64; RAYS]>; 3]| DVec3::from([0, 1, 2].map(|axis| all[axis][number]));
+        is_alive.then(|| Ray { origin: of(&self.origin), direction: of(&self.direction) })
     }
 
     pub(super) fn is_done(&self) -> bool {

@@ -4,7 +4,7 @@
 
 use super::Brick;
 use crate::field::kernel::{Counts, Places, Scratch, evaluate};
-use crate::field::{Region, VOXELS, rest};
+use crate::field::{Region, VOXELS, every, rest};
 use crate::num::{Level, Real, WithLevel, with_level};
 
 /// The density at 512 places of a block.
@@ -17,6 +17,19 @@ pub(crate) fn evaluate_block(
     values: &mut [f32; VOXELS],
 ) -> Counts {
     with_level(level, Evaluate { region, places, scratch, values })
+}
+
+/// The density at the first `count` places of a block, whose coordinates are found at some only.
+#[inline(never)]
+pub(crate) fn evaluate_every(
+    level: Level,
+    region: &Region<f32>,
+    points: [&[f32; VOXELS]; 3],
+    (count, nodes): (usize, u32),
+    scratch: &mut Scratch<f32>,
+    values: &mut [f32; VOXELS],
+) -> Counts {
+    with_level(level, Every { region, points, count, nodes, scratch, values })
 }
 
 /// Marks voxels above `cutoff` active and sets the others to 0.
@@ -57,6 +70,24 @@ impl WithLevel for Evaluate<'_> {
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Counts {
         evaluate::<R>(token, self.region, self.places, self.scratch, self.values)
+    }
+}
+
+struct Every<'a> {
+    region: &'a Region<f32>,
+    points: [&'a [f32; VOXELS]; 3],
+    count: usize,
+    nodes: u32,
+    scratch: &'a mut Scratch<f32>,
+    values: &'a mut [f32; VOXELS],
+}
+
+impl WithLevel for Every<'_> {
+    type Output = Counts;
+    #[inline(always)]
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Counts {
+        let Every { region, points, count, nodes, scratch, values } = self;
+        every::evaluate::<R>(token, region, points, count, nodes, scratch, values)
     }
 }
 

@@ -33,7 +33,7 @@ mod value;
 pub use accessor::Accessor;
 pub use bake::{IN_FLIGHT, Phases, Tally, bake};
 pub use brick::{Brick, Encode, Sink};
-pub(crate) use dispatch::evaluate_block;
+pub(crate) use dispatch::{evaluate_block, evaluate_every};
 pub use part::{NotRead, Part, PartialTree};
 pub use plan::{Plan, PlanError};
 pub use points::{density_at, planned_density_at};

@@ -24,6 +24,7 @@ mod large;
 mod layers;
 mod mass;
 mod memory;
+mod methods;
 mod noise;
 mod oracle;
 mod path;

@@ -8,14 +8,14 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::Instant;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::interrupt::Interrupt;
 use super::job::SceneOptions;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
-use crate::march::{Camera, Film, Integrator, MOST_LAMPS, Picture, Quality, Shadow};
+use crate::march::{Camera, Entry, Film, Integrator, MOST_LAMPS, Marching, Method, Picture, Quality, Shadow};
 use crate::num::Level;
 use image::Target;
 use light::LightOptions;
@@ -52,6 +52,20 @@ pub(super) struct Arguments {
     /// Of a scene: voxels between two steps along a ray, at most
     #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 1.0, allow_hyphen_values = true)]
     step: f64,
+    /// Of a scene: what steps do. `gauss` takes two samples a step and divides it where it is dense; `midpoint` one, in its
+    /// middle; `alpha` one at its beginning, and multiplies the transmittance by 1 - density times step
+    #[arg(long, value_name = "METHOD")]
+    method: Option<MethodName>,
+    /// Of `midpoint` and `alpha`: each step is longer than the one before by this part of it [default: 0]
+    #[arg(long, value_name = "PART", value_parser = growth, allow_hyphen_values = true)]
+    growth: Option<f64>,
+    /// Of `midpoint` and `alpha`: how the place is found where a ray enters the tubes [default: cones]
+    #[arg(long, value_name = "HOW")]
+    entry: Option<EntryName>,
+    /// Of `midpoint` and `alpha`, without growth: places are mapped to the tubes' cylinders at every so many steps, and what they
+    /// are mapped to is interpolated between [default: 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=16))]
+    map_every: Option<u8>,
     /// Part of the light that may be left where a ray ends
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
     cutoff: f64,
@@ -60,6 +74,74 @@ pub(super) struct Arguments {
     progressive: bool,
     #[command(flatten)]
     options: SceneOptions,
+}
+
+/// See [`Method`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum MethodName {
+    Gauss,
+    Midpoint,
+    Alpha,
+}
+
+/// See [`Entry`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum EntryName {
+    /// By the closed form
+    Cones,
+    /// By steps of one length
+    Constant,
+    /// By steps that turn back and halve
+    Converging,
+    /// By steps as long as the distance
+    SphereTracing,
+}
+
+impl Arguments {
+    /// How rays go through a scene.
+    fn marching(&self) -> Result<Marching, Failure> {
+        let method = match self.method {
+            None | Some(MethodName::Gauss) => Method::Gauss,
+            Some(MethodName::Midpoint) => Method::Midpoint,
+            Some(MethodName::Alpha) => Method::Alpha,
+        };
+        let entry = match self.entry {
+            None | Some(EntryName::Cones) => Entry::Cones,
+            Some(EntryName::Constant) => Entry::Constant,
+            Some(EntryName::Converging) => Entry::Converging,
+            Some(EntryName::SphereTracing) => Entry::SphereTracing,
+        };
+        let asked = [
+            (self.growth.is_some(), "--growth"),
+            (self.entry.is_some(), "--entry"),
+            (self.map_every.is_some(), "--map-every"),
+        ];
+        for (given, option) in asked {
+            if given && method == Method::Gauss {
+                let message = format!("{option} has no meaning for the method `gauss`");
+                return Err(Failure::usage(message).hint("choose --method midpoint or --method alpha"));
+            }
+        }
+        let (growth, map_every) = (self.growth.unwrap_or(0.0), self.map_every.unwrap_or(1));
+        if growth > 0.0 && map_every > 1 {
+            return Err(Failure::usage(
+                "--map-every needs steps of one length, and --growth makes them longer",
+            ));
+        }
+        Ok(Marching { method, growth, entry, map_every: map_every.into() })
+    }
+
+    /// The first option that is given and says how rays go through a scene.
+    fn marching_option(&self) -> Option<&'static str> {
+        [
+            (self.method.is_some(), "--method"),
+            (self.growth.is_some(), "--growth"),
+            (self.entry.is_some(), "--entry"),
+            (self.map_every.is_some(), "--map-every"),
+        ]
+        .into_iter()
+        .find_map(|(given, option)| given.then_some(option))
+    }
 }
 
 /// Pixels along an edge that a coarse picture has one for.
@@ -80,6 +162,8 @@ struct Report {
     /// Of paths: the mean standard error of the luminance over its mean; null before the second sample.
     noise: Option<f64>,
     bricks: usize,
+    /// Of a scene: places that the density was evaluated at along rays from the eye, and those of them inside a tube.
+    evaluated_places: Option<[u64; 2]>,
     /// Mean over all pixels.
     mean_transmittance: f64,
     /// Of a .png.
@@ -216,6 +300,7 @@ fn draw(
         samples: film.samples,
         noise: film.noise(),
         bricks: drawn.medium.brick_count(),
+        evaluated_places: drawn.medium.places(),
         mean_transmittance: film.transmittance.iter().sum::<f64>() / pixels,
         exposure,
         seconds: Times { load, prepare, march, write, total: clock.first.elapsed().as_secs_f64() },
@@ -284,6 +369,11 @@ fn stops(text: &str) -> Result<f64, String> {
 fn step(text: &str) -> Result<f64, String> {
     let step = text.parse().ok().filter(|step| (0.01..=8.0).contains(step));
     step.ok_or_else(|| "expected a number of voxels from 0.01 to 8".to_owned())
+}
+
+fn growth(text: &str) -> Result<f64, String> {
+    let growth = text.parse().ok().filter(|growth| (0.0..=1.0).contains(growth));
+    growth.ok_or_else(|| "expected a part from 0 to 1".to_owned())
 }
 
 fn part(text: &str) -> Result<f64, String> {

@@ -71,16 +71,17 @@ impl<'a> Drawn<'a> {
     ) -> Result<Drawn<'a>, Failure> {
         let lattice = view.lattice.unwrap_or(Lattice { voxel_size: 1.0 });
         let budget = arguments.options.budget().bytes();
+        let marching = arguments.marching()?;
         let procedural = Procedural::new(field, lattice, arguments.step, budget).map_err(|error| {
             Failure::failed(error.to_string()).hint("take a larger --voxel-size, or allow more with --memory")
         })?;
-        Ok(Drawn { medium: Medium::Procedural(procedural), view })
+        Ok(Drawn { medium: Medium::Procedural(procedural.with(marching)), view })
     }
 
     /// A file's grid.
     pub(super) fn of_file(arguments: &Arguments) -> Result<Drawn<'a>, Failure> {
         let options = &arguments.options;
-        if let Some(option) = options.for_scenes_only() {
+        if let Some(option) = options.for_scenes_only().or(arguments.marching_option()) {
             return Err(Failure::usage(format!("{option} has no meaning for a file, only for a scene")));
         }
         let (path, budget) = (&arguments.file, options.budget().bytes());

@@ -1,0 +1,56 @@
+//! Ways to march, on the command line.
+
+use serde_json::Value;
+
+use crate::cli::Folder;
+
+#[test]
+fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
+    let folder = Folder::new();
+    let draw = |options: &[&str]| {
+        let all = [&["--json", "render", "bent.toml", "-o", "a.png", "--size", "48x32"], options].concat();
+        let output = folder.run(&all);
+        let message = String::from_utf8(output.stderr).expect("UTF-8");
+        let told = serde_json::from_slice::<Value>(&output.stdout).ok();
+        let mean = told.and_then(|told| told["mean_transmittance"].as_f64());
+        (output.status.code().expect("an exit code"), mean, message)
+    };
+    let (code, truth, _) = draw(&["--step", "0.25"]);
+    let truth = truth.expect("a mean");
+    assert_eq!(code, 0);
+    for options in [
+        &["--method", "gauss"][..],
+        &["--method", "midpoint"],
+        &["--method", "alpha", "--entry", "constant"],
+        &["--method", "midpoint", "--entry", "converging", "--growth", "0.01"],
+        &["--method", "midpoint", "--entry", "sphere-tracing", "--step", "2"],
+        &["--method", "alpha", "--map-every", "4"],
+    ] {
+        let (code, mean, message) = draw(options);
+        assert_eq!(code, 0, "{message}");
+        // Steps of one voxel of 48 along the tube, by a rule of order 1 at worst.
+        assert!((mean.expect("a mean") - truth).abs() < 0.01, "{options:?}: {mean:?}, not {truth}");
+    }
+    for (options, said) in [
+        (&["--growth", "0.1"][..], "--growth has no meaning for the method `gauss`"),
+        (&["--method", "gauss", "--entry", "constant"], "--entry has no meaning for the method `gauss`"),
+        (&["--map-every", "2"], "--map-every has no meaning for the method `gauss`"),
+        (
+            &["--method", "alpha", "--growth", "0.1", "--map-every", "2"],
+            "--map-every needs steps of one length, and --growth makes them longer",
+        ),
+        (&["--method", "alpha", "--growth", "-1"], "expected a part from 0 to 1"),
+        (&["--method", "simpson"], "invalid value 'simpson'"),
+    ] {
+        let (code, _, message) = draw(options);
+        assert_eq!(code, 2, "{message}");
+        assert!(message.contains(said), "{message}");
+    }
+    assert_eq!(folder.run(&["bake", "bent.toml", "-o", "bent.vdb"]).status.code(), Some(0));
+    for option in [["--method", "alpha"], ["--growth", "0.1"], ["--entry", "cones"], ["--map-every", "1"]] {
+        let output = folder.run(&[&["render", "bent.vdb", "-o", "a.png"], &option[..]].concat());
+        assert_eq!(output.status.code(), Some(2));
+        let message = String::from_utf8(output.stderr).expect("UTF-8");
+        assert!(message.contains(&format!("{} has no meaning for a file", option[0])), "{message}");
+    }
+}
