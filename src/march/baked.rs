@@ -1,5 +1,7 @@
 //! A medium of voxels, linear along each axis between them.
 
+#![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
+
 use glam::DVec3;
 use rayon::prelude::*;
 

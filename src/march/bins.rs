@@ -1,5 +1,7 @@
 //! Optical depth along rays, piece by piece.
 
+#![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
+
 use super::rays::{Hits, LANES, RAYS, Rays, single};
 use super::shade::Group;
 use crate::num::Real;

@@ -113,3 +113,59 @@ impl Flight {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "what is not there fails the test")]
+
+    use crate::field::kernel::{Places, Scratch, evaluate};
+    use crate::field::{Extent, Field, Lattice, Region, VOXELS};
+    use crate::scene::Scene;
+    use crate::volume::Plan;
+
+    const BENT: &str =
+        "[[tube]]\ncurve = { kind = \"quadratic\", points = [[0, 0, 0], [0.9, 0.2, 1], [0, 0, 2]] }\n";
+    const LAYER: &str = "[[tube.layer]]\nop = \"multiply\"\n";
+
+    /// Nothing is denser than the field's bound, nor in a brick than that brick's; and the bounds are not empty words.
+    #[test]
+    fn bounds_hold() {
+        let noise = format!("{LAYER}noise = \"perlin\"\noctaves = 4\nfrequency = [3, 3, 4]\n");
+        let scenes = [
+            (format!("{BENT}radius = 0.4\n"), 1.2),
+            (format!("{BENT}radius = 0.4\n{noise}"), 4.0),
+            (format!("{BENT}radius = 0.4\n{noise}threshold = 0.1\nmultiplier = 3.0\n"), 4.0),
+            (
+                format!("{BENT}radius = 0.4\n{noise}form = \"ridged\"\nop = \"add\"\n")
+                    .replace("op = \"multiply\"\n", ""),
+                3.0,
+            ),
+            (format!("{BENT}radius = [[0, 0.5], [1, 0.1]]\nconserve = \"full\"\n"), 20.0),
+            (format!("{BENT}radius = [[0, 0.5], [1, 0.1]]\nconserve = \"radius\"\n"), 3.0),
+            (format!("{BENT}radius = 0.7\noverlap = \"sum\"\nconserve = \"full\"\n"), 100.0),
+            (format!("{BENT}radius = 0.7\noverlap = \"blend\"\n{noise}"), 8.0),
+            (format!("overlap = \"sum\"\n{BENT}radius = 0.3\n{BENT}radius = 0.2\n"), 1.2),
+        ];
+        let lattice = Lattice { voxel_size: 0.03 };
+        for (text, loose) in &scenes {
+            let scene = Scene::parse(text, "scene.toml").unwrap_or_else(|errors| panic!("{text}: {errors}"));
+            let field = Field::compile(&scene);
+            let bound = field.bound();
+            let plan = Plan::for_extent(&field, lattice, Extent::Whole, u64::MAX).unwrap();
+            let mut region = Region::<f64>::default();
+            let mut scratch = Scratch::default();
+            let mut largest: f64 = 0.0;
+            for brick in 0..plan.bricks() {
+                plan.narrow(&field, brick, &mut region);
+                let mut values = [0.0; VOXELS];
+                evaluate::<f64>((), &region, Places::Centres, &mut scratch, &mut values);
+                let most = values.into_iter().fold(0.0, f64::max);
+                let local = field.bound_in(&region);
+                assert!(most <= local, "{text}: {most} > {local} in {brick}");
+                largest = largest.max(most);
+            }
+            assert!(largest > 0.0 && largest <= bound, "{text}: {largest} > {bound}");
+            assert!(bound < loose * largest, "{text}: {largest}, at most {bound}");
+        }
+    }
+}

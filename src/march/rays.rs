@@ -1,5 +1,7 @@
 //! A tile's rays, and those of them that meet a brick.
 
+#![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
+
 use glam::DVec3;
 
 use super::camera::Ray;

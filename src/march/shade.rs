@@ -1,5 +1,7 @@
 //! The light that rays gather within a brick, segment by segment, in lanes.
 
+#![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
+
 use glam::DVec3;
 
 use super::exact::{Towards, first_half};

@@ -1,5 +1,7 @@
 //! Which bricks are seen in which part of a picture.
 
+#![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
+
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

@@ -70,14 +70,14 @@ fn the_file_is_the_same_with_and_without_a_spool() {
 }
 
 #[test]
-fn a_scene_several_times_the_cap_stays_below_it() {
+fn a_scene_larger_than_the_cap_stays_below_it() {
     let folder = Folder::new();
     let least = least(&folder, &[NONE, "--threads=2"]);
     // The least there is, and some that leave room for a part of the leaves.
     for more in [0, 1 << 20, 8 << 20] {
         let cap = least + more;
         let baked = report(&folder, "bake", &[NONE, "--threads=2", "--memory", &cap.to_string()]);
-        assert!(more > 0 || number(&baked["bytes"]) > 2 * cap, "{baked}");
+        assert!(more > 0 || 2 * number(&baked["bytes"]) > 3 * cap, "{baked}");
         assert!(number(&baked["spooled_bytes"]) > 0);
         assert_below(&baked, cap);
     }
@@ -324,7 +324,7 @@ fn a_bake_without_room_on_the_disk_is_not_begun() {
     for (resolution, options, more_memory_helps) in [
         (RESOLUTION, &[NONE][..], false),
         (RESOLUTION, &[NONE, "--memory=40MiB"], false),
-        ("550", &[NONE, "--threads=2", "--memory=17MiB"], true),
+        ("550", &[NONE, "--threads=2", "--memory=20MiB"], true),
     ] {
         let bake = command_at(resolution, &folder, "bake", &[options, &["-o", "small/out.vdb"]].concat());
         let mut limited = within("{ \"$@\"; code=$?; cat small/out.vdb; ls -A small; exit $code; }");

@@ -28,7 +28,9 @@ use std::time::Instant;
 
 use glam::DVec3;
 use serde_json::Value;
-use vdbake::march::{Camera, Entry, Film, Marching, Medium, Method, Optics, Picture, Procedural, Quality};
+use vdbake::march::{
+    Camera, Entry, Film, Integrator, Marching, Medium, Method, Optics, Picture, Procedural, Quality, Shadow,
+};
 use vdbake::num::Level;
 
 use scenes::Drawn;
@@ -44,6 +46,9 @@ const SCENES: [(&str, [[f64; 2]; 5]); 3] = [
     ("solar_flare", [[60.0, 65.0], [120.0, 125.0], [140.0, 150.0], [105.0, 110.0], [160.0, 165.0]]),
     ("galaxy", [[25.0, 27.0], [85.0, 90.0], [130.0, 135.0], [45.0, 50.0], [88.0, 90.0]]),
 ];
+
+/// A row of the paper's table: its name, what becomes of a scene's text, and the step in voxels.
+type Row = (&'static str, fn(&str) -> String, f64);
 
 /// A section: its name, and what measures it.
 type Section = (&'static str, fn(&Options) -> Table);
@@ -112,7 +117,8 @@ struct Taken {
 
 fn take(medium: &Medium<'_>, camera: Camera, optics: &Optics, size: [usize; 2], rounds: usize) -> Taken {
     let cutoff = if rounds == 0 { 1e-9 } else { 1e-4 };
-    let quality = Quality { size, samples: 1, cutoff, shadow_pitch: 2.0 };
+    let (shadow, integrator) = (Shadow::Cached(2.0), Integrator::Single);
+    let quality = Quality { size, samples: 1, cutoff, shadow, integrator };
     let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
     picture.sample(|_| ());
     let (film, places) = (picture.film().clone(), medium.places());
@@ -161,7 +167,7 @@ fn paper(options: &Options) -> Table {
         "over_inside",
     ]);
     for (name, rates) in options.scenes() {
-        let rows: [(&str, fn(&str) -> String, f64); 5] = [
+        let rows: [Row; 5] = [
             ("normal", str::to_owned, 1.0),
             ("simpler noise", scenes::with_one_octave, 1.0),
             ("no noise", scenes::without_noise, 1.0),
