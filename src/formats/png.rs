@@ -17,7 +17,7 @@ pub fn write(size: [usize; 2], pixels: &[[u8; 3]], out: impl Write) -> Result<()
 ///
 /// # Errors
 ///
-/// As [`write`].
+/// As [`write()`].
 pub fn write_with_alpha(
     size: [usize; 2],
     pixels: &[[u8; 4]],

@@ -33,7 +33,10 @@
 //!   (`cones`, and a tree of them in `bvh`). So the error is of order 4 in the step where the density is smooth inside tubes,
 //!   and nothing is evaluated outside of them. Other programs' rules are there to be compared with (`methods`).
 //! - Within a segment the source is linear in the optical depth (`segment`): a uniform source is integrated exactly.
-//! - Shadows (`shadow`) are kept as optical depths along rays from the lamps.
+//! - Shadows (`shadow`) are kept as optical depths along rays from the lamps, or found by a ray from every sample (`exact`).
+//! - Single rays (`walk`, `points`) go through nodes of 16^3 bricks, bricks and cells.
+//! - Random paths (`path`), with all light that is scattered, by null collisions below each brick's largest density
+//!   (`majorant`).
 
 mod baked;
 mod bins;
