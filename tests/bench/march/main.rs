@@ -149,6 +149,9 @@ fn places(taken: &Taken) -> [Value; 2] {
     [(evaluated / 1000).into(), (evaluated as f64 / inside as f64).into()]
 }
 
+/// What is changed: its name, the scene's text, the step.
+type Row = (&'static str, fn(&str) -> String, f64);
+
 fn paper(options: &Options) -> Table {
     let mut table = Table::new(&[
         "scene",
@@ -161,7 +164,7 @@ fn paper(options: &Options) -> Table {
         "over_inside",
     ]);
     for (name, rates) in options.scenes() {
-        let rows: [(&str, fn(&str) -> String, f64); 5] = [
+        let rows: [Row; 5] = [
             ("normal", str::to_owned, 1.0),
             ("simpler noise", scenes::with_one_octave, 1.0),
             ("no noise", scenes::without_noise, 1.0),
