@@ -155,6 +155,9 @@ fn places(taken: &Taken) -> [Value; 2] {
     [(evaluated / 1000).into(), (evaluated as f64 / inside as f64).into()]
 }
 
+/// What is changed: its name, the scene's text, the step.
+type Row = (&'static str, fn(&str) -> String, f64);
+
 fn paper(options: &Options) -> Table {
     let mut table = Table::new(&[
         "scene",
