@@ -47,9 +47,6 @@ const SCENES: [(&str, [[f64; 2]; 5]); 3] = [
     ("galaxy", [[25.0, 27.0], [85.0, 90.0], [130.0, 135.0], [45.0, 50.0], [88.0, 90.0]]),
 ];
 
-/// A row of the paper's table: its name, what becomes of a scene's text, and the step in voxels.
-type Row = (&'static str, fn(&str) -> String, f64);
-
 /// A section: its name, and what measures it.
 type Section = (&'static str, fn(&Options) -> Table);
 
