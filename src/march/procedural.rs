@@ -245,13 +245,12 @@ impl Procedural<'_> {
             let (region, scratch) = (&worker.region, &mut worker.scratch);
             let counts = match nodes {
                 Some(nodes) => evaluate_every(level, region, [x, y, z], (count, nodes), scratch, values),
-                None => evaluate_block(
-                    level,
-                    region,
-                    Places::Points([&x[..count], &y[..count], &z[..count]]),
-                    scratch,
-                    values,
-                ),
+                None => {
+                    // Whole batches; what the last one's other lanes hold is of no matter.
+                    let whole = count.next_multiple_of(LANES).min(VOXELS);
+                    let places = Places::Points([&x[..whole], &y[..whole], &z[..whole]]);
+                    evaluate_block(level, region, places, scratch, values)
+                }
             };
             worker.counts[0] += count as u64;
             worker.counts[1] += counts.inside;
