@@ -192,6 +192,21 @@ fn volumes_of_other_programs_are_drawn() {
 }
 
 #[test]
+fn a_picture_does_not_differ_from_itself_where_there_is_nothing() {
+    let folder = tempdir().expect("a folder");
+    let image = folder.path().join("same.exr");
+    let baked = bake(folder.path(), "32");
+    render(&[&[text(&baked), "-o", text(&image)][..], &SIZE].concat()).expect("a picture");
+    assert!(channels(&image)["depth.Z"].iter().any(|depth| depth.is_infinite()));
+    let mut command = vdbake();
+    let output = command
+        .args(["compare", text(&image), text(&image), "--tolerance", "0"])
+        .output()
+        .expect("it starts");
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
+#[test]
 fn wrong_arguments_are_2_and_wrong_input_is_3() {
     let folder = tempdir().expect("a folder");
     let baked = bake(folder.path(), "32");
@@ -208,6 +223,7 @@ fn wrong_arguments_are_2_and_wrong_input_is_3() {
         (&[file, "-o", image, "--grid", "smoke"], "2 error: the file has no grid"),
         (&[file, "-o", image, "--background", "1,2"], "2 error: invalid value '1,2'"),
         (&[file, "-o", image, "--memory", "10kB"], "3 error: cannot read"),
+        (&[file, "-o", image, "--size", "32768x32768", "--memory", "300MB"], "1 error: a picture of"),
     ] {
         let message = render(arguments).expect_err("a failure");
         assert!(message.starts_with(expected), "{arguments:?}: {message}");

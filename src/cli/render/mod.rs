@@ -13,6 +13,7 @@ use serde::Serialize;
 
 use super::interrupt::Interrupt;
 use super::job::SceneOptions;
+use super::memory::enough;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
 use crate::march::{Camera, Entry, Film, Integrator, MOST_LAMPS, Marching, Method, Picture, Quality, Shadow};
@@ -147,6 +148,10 @@ impl Arguments {
 /// Pixels along an edge that a coarse picture has one for.
 const COARSE: usize = 4;
 
+/// Bytes that the program takes besides pixels and what is drawn, and for each pixel while it is found and written.
+const PROCESS: u64 = 16 << 20;
+const PIXEL: u64 = 200;
+
 /// What is behind.
 #[derive(Debug, Clone, Copy)]
 struct Background(Option<[f64; 3]>);
@@ -226,6 +231,15 @@ fn draw(
             "a picture takes no more than {MOST_LAMPS} suns and points, and there are {}",
             view.optics.lamps.len()
         )));
+    }
+    let need = PROCESS + PIXEL * (arguments.size[0] * arguments.size[1]) as u64;
+    if need > arguments.options.budget().bytes() {
+        let [width, height] = arguments.size;
+        let taken = text::bytes(need);
+        let message =
+            format!("a picture of {width} x {height} pixels takes {taken} of memory, and less may be used");
+        return Err(Failure::failed(message)
+            .hint(format!("choose a smaller --size, or allow more with --memory {}", enough(need))));
     }
     let quality = Quality {
         size: arguments.size,
