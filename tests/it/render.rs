@@ -267,6 +267,23 @@ fn cameras_far_away_are_framed() {
     }
 }
 
+/// A camera that sees nothing is told of: a picture without anything in it may have been meant otherwise.
+#[test]
+fn who_looks_elsewhere_is_told() {
+    let folder = tempdir().expect("a folder");
+    let baked = bake(folder.path(), "32");
+    let look = |camera: &str| {
+        let scene = write(&folder.path().join("view.toml"), camera);
+        let mut command = vdbake();
+        command.arg("render").arg(&baked).arg("--scene").arg(scene).args(SIZE);
+        let output = command.arg("-o").arg(folder.path().join("a.png")).output().expect("it starts");
+        assert!(output.status.success());
+        stderr(&output).contains("nothing of")
+    };
+    assert!(look("[camera]\nposition = [0, -9, 0]\nlook_at = [0, -20, 0]\n"));
+    assert!(!look("[camera]\nposition = [0, -9, 1]\nlook_at = [0, 0, 1]\n"));
+}
+
 /// Pictures of a medium that no light enters come to an end, and at once where they are told to.
 #[test]
 fn dense_media_end() {

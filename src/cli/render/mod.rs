@@ -308,6 +308,9 @@ fn draw(
     }
     let march = clock.lap();
     let film = picture.film();
+    if drawn.medium.brick_count() > 0 && !optics.is_clear && film.depth.iter().all(|depth| *depth <= 0.0) {
+        global.note(&format!("nothing of {} is seen from where the camera is", arguments.file.display()));
+    }
     if target.has_layers() && film.squares.is_some() && film.samples == 1 {
         global.note("one sample of each pixel tells nothing of its noise: there is no layer noise.Y");
     }
