@@ -43,8 +43,8 @@ pub(super) struct SceneOptions {
     /// Seconds after the scene's start frame [default: 0]
     #[arg(long, value_name = "T", value_parser = time, allow_negative_numbers = true)]
     time: Option<f64>,
-    /// Memory to work in, such as 500MB or 2GiB: a bake that needs more keeps values in a temporary file beside the output
-    /// [default: three quarters of the machine's]
+    /// Memory to work in, such as 500MB or 2GiB: a bake that needs more keeps values in a temporary file beside the output, other
+    /// commands refuse what needs more [default: three quarters of the machine's]
     #[arg(long, value_name = "SIZE", allow_negative_numbers = true)]
     memory: Option<Amount>,
 }

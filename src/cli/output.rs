@@ -12,6 +12,25 @@ use super::interrupt::{Interrupt, Watched};
 /// Characters of the file's name that the temporary name repeats: all of a long name would be too long.
 const REPEATED: usize = 100;
 
+/// What kind of image a file is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ImageForm {
+    Exr,
+    Png,
+}
+
+impl ImageForm {
+    /// By the end of its name; `what` it is, for the message where that is neither.
+    pub(super) fn of(path: &Path, what: &str) -> Result<ImageForm, Failure> {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            Some("exr") => Ok(ImageForm::Exr),
+            Some("png") => Ok(ImageForm::Png),
+            _ => Err(Failure::usage(format!("the {what} {} ends in neither .exr nor .png", path.display()))),
+        }
+    }
+}
+
 /// A file in the making, under a temporary name in the folder where it will be. Dropped, it leaves nothing behind.
 #[derive(Debug)]
 pub(super) struct Output {
@@ -19,14 +38,29 @@ pub(super) struct Output {
     temporary: NamedTempFile,
 }
 
+/// The file that is to be made or replaced under a name.
+fn target(path: &Path) -> Result<PathBuf, Failure> {
+    // A link is kept, and what it points to replaced.
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    if fs::metadata(&target).is_ok_and(|existing| !existing.is_file()) {
+        return Err(Failure::failed(format!("{} is not a regular file", path.display())));
+    }
+    let folder = folder(&target);
+    if !folder.is_dir() {
+        return Err(Failure::failed(format!("there is no folder {}", folder.display())));
+    }
+    Ok(target)
+}
+
 impl Output {
+    /// Refuses places where no file can be made, before long work for it.
+    pub(super) fn check(path: &Path) -> Result<(), Failure> {
+        target(path).map(|_| ())
+    }
+
     /// Makes the temporary file; `path` itself is left as it is.
     pub(super) fn create(path: &Path) -> Result<Output, Failure> {
-        // A link is kept, and what it points to replaced.
-        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        if fs::metadata(&target).is_ok_and(|existing| !existing.is_file()) {
-            return Err(Failure::failed(format!("{} is not a regular file", path.display())));
-        }
+        let target = target(path)?;
         let name = target.file_name().unwrap_or_default().to_string_lossy();
         let prefix = format!(".{}-", name.chars().take(REPEATED).collect::<String>());
         let mut builder = tempfile::Builder::new();
@@ -35,9 +69,6 @@ impl Output {
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let folder = folder(&target);
-        if !folder.is_dir() {
-            return Err(Failure::failed(format!("there is no folder {}", folder.display())));
-        }
         // Not the error itself, which tells of a temporary name that nobody gave.
         let temporary = builder.tempfile_in(folder).map_err(|error| {
             Failure::failed(format!("cannot make a file in {}", folder.display()))

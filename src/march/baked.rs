@@ -14,7 +14,7 @@ use super::rays::{Hits, LANES, Rays, single};
 use super::segment::GAUSS;
 use super::shade::{Group, LONGEST, Lit, Wanted};
 use super::table::Table;
-use super::walk::{self, Walk};
+use super::walk::{self, Cells, Walk};
 use crate::num::{Level, Real, WithLevel, with_level};
 use crate::volume::{Accessor, Sampled, Tree};
 
@@ -223,6 +223,17 @@ impl Baked {
         let values = &self.values[brick];
         let corner = |n: usize| values[((x + (n >> 2)) * VALUES + y + (n >> 1 & 1)) * VALUES + z + (n & 1)];
         (0..8).fold(0.0, |most, n| corner(n).max(most))
+    }
+
+    /// Density times metres over a part of a line in a cell of a brick, exact but for rounding.
+    pub(super) fn depth_of_cell(
+        &self,
+        brick: usize,
+        cells: &Cells,
+        cell: [usize; 3],
+        range: [f64; 2],
+    ) -> f64 {
+        cells.integral(cell, range, |cell, place| within(&self.values[brick], cell, place))
     }
 
     pub(super) fn density(&self, spot: &Spot) -> f32 {

@@ -8,8 +8,8 @@ use crate::scene::{self, Projection};
 const FROM: DVec3 = DVec3::new(0.35, -1.0, 0.3);
 /// Horizontal angle of view in degrees, where neither it nor the eye's place is given.
 const FOV: f64 = 40.0;
-/// The widest and the narrowest angle of view in degrees that framing chooses.
-const FRAMED: [f64; 2] = [0.1, 120.0];
+/// The narrowest and the widest angle of view in degrees that framing chooses.
+const FRAMED: [f64; 2] = [1e-9, 120.0];
 /// The scene's box takes no more than this part of the picture.
 const PART: f64 = 0.94;
 
@@ -133,6 +133,8 @@ impl Camera {
 /// What is right and up for who looks along `forward`, with `up` as near to upwards as can be.
 fn across(forward: DVec3, up: DVec3) -> [DVec3; 2] {
     let side = |up: DVec3| {
+        // However short it is.
+        let up = up / up.abs().max_element().max(f64::MIN_POSITIVE);
         let side = forward.cross(up.normalize_or_zero());
         (side.length() > 1e-6).then(|| side.normalize())
     };

@@ -62,6 +62,14 @@ impl Medium<'_> {
         }
     }
 
+    /// Cells between two samples of a scene's density along a ray.
+    pub(super) fn step(&self) -> f64 {
+        match self {
+            Medium::Baked(_) => 1.0,
+            Medium::Procedural(procedural) => procedural.step(),
+        }
+    }
+
     /// Number of bricks that may have density.
     pub fn brick_count(&self) -> usize {
         self.bricks().blocks.len()

@@ -80,6 +80,6 @@ pub use display::Developed;
 pub use grid::Grid;
 pub use medium::Medium;
 pub use methods::{Entry, Marching, Method};
-pub use optics::{Lamp, MOST_LAMPS, Optics};
+pub use optics::{Lamp, Optics};
 pub use picture::{Film, Integrator, Picture, Quality, Shadow};
 pub use procedural::Procedural;

@@ -5,9 +5,7 @@ use glam::DVec3;
 use super::blackbody::black_body;
 use crate::scene::{self, Light};
 
-/// As many suns and points as a picture takes.
-pub const MOST_LAMPS: usize = 8;
-/// A medium that only glows is taken to extinguish so little, per metre at density 1.
+/// A medium that only glows is marched through as if it extinguished so little, per metre at density 1.
 const LEAST: f64 = 1e-12;
 
 /// A light that something can be in the shadow of.
@@ -44,6 +42,8 @@ impl Lamp {
 pub struct Optics {
     /// Extinction per metre at density 1, above 0.
     pub extinction: f64,
+    /// Whether it does not extinguish light at all, and its extinction only stands for none.
+    pub is_clear: bool,
     /// Scattered part of it: linear red, green and blue.
     pub albedo: DVec3,
     /// Henyey-Greenstein mean cosine.
@@ -59,6 +59,7 @@ pub struct Optics {
 impl Optics {
     /// Of a scene's medium and lights.
     pub fn new(medium: &scene::Medium, lights: &[Light]) -> Optics {
+        let is_clear = medium.extinction <= 0.0;
         let mut lamps = Vec::new();
         let mut ambient = DVec3::ZERO;
         for light in lights {
@@ -73,12 +74,13 @@ impl Optics {
             }
         }
         Optics {
-            extinction: medium.extinction.max(LEAST),
-            albedo: medium.albedo.into(),
+            extinction: if is_clear { LEAST } else { medium.extinction },
+            is_clear,
+            albedo: if is_clear { DVec3::ZERO } else { medium.albedo.into() },
             anisotropy: medium.anisotropy,
             emission: DVec3::from(medium.emission)
                 * medium.temperature.map_or(DVec3::ONE, |kelvin| black_body(kelvin).into()),
-            lamps,
+            lamps: if is_clear { Vec::new() } else { lamps },
             ambient,
         }
     }

@@ -110,14 +110,17 @@ impl Film {
 }
 
 impl Film {
-    /// Of random paths: the standard error of each pixel's luminance, by the spread of its samples; infinite before the
-    /// second.
+    /// Of random paths: the standard error of each pixel's luminance, by the spread of its samples; `None` too before the second,
+    /// since one has no spread.
     pub fn errors(&self) -> Option<Vec<f64>> {
+        if self.samples < 2 {
+            return None;
+        }
         let count = f64::from(self.samples);
         let error = |(square, radiance): (&f64, &[f64; 3])| {
             let mean = DVec3::from(*radiance).dot(LUMINANCE) / count;
             let variance = (square / count - mean * mean).max(0.0);
-            if self.samples > 1 { (variance / (count - 1.0)).sqrt() } else { f64::INFINITY }
+            (variance / (count - 1.0)).sqrt()
         };
         Some(self.squares.as_ref()?.iter().zip(&self.radiance).map(error).collect())
     }
@@ -172,7 +175,8 @@ impl<'a> Picture<'a> {
         match (quality.integrator, quality.shadow) {
             (Integrator::Path { seed }, _) => {
                 film.squares = Some(vec![0.0; film.depth.len()]);
-                tracer = Some(Tracer::new(medium, optics, seed, level));
+                // Nothing collides in what is clear: what glows there is found along the rays.
+                tracer = (!optics.is_clear).then(|| Tracer::new(medium, optics, seed, level));
             }
             (Integrator::Single, Shadow::Cached(pitch)) => {
                 shadows = Some(Shadows::new(medium, optics, pitch, level));
@@ -194,24 +198,33 @@ impl<'a> Picture<'a> {
         &self.film
     }
 
-    /// Takes one more sample of every pixel. `done` is told of every tile.
-    pub fn sample(&mut self, done: impl Fn(usize) + Sync) {
+    /// Takes one more sample of every pixel. `done` is told of every tile, or of none where much has been done since, and says
+    /// whether to go on. Where it does not, the sample is given up, and the result is `false`.
+    pub fn sample(&mut self, done: impl Fn(usize) -> bool + Sync) -> bool {
         let at = jitter(self.film.samples);
         let wanted = Wanted { deepest: -libm::log(self.quality.cutoff), extinction: self.optics.extinction };
-        let found: Vec<Vec<Pixel>> = (0..self.tiles.count())
+        let found: Option<Vec<Vec<Pixel>>> = (0..self.tiles.count())
             .into_par_iter()
             .with_max_len(1)
             .map_init(
                 || (Way::default(), Worker::default()),
                 |(way, worker), tile| {
                     let pixels = self.tile(tile, at, &wanted, way, worker);
-                    if self.tracer.is_none() {
-                        done(1);
-                    }
-                    pixels
+                    done(usize::from(self.tracer.is_none())).then_some(pixels)
                 },
             )
             .collect();
+        let Some(found) = found else { return false };
+        let traced = match &self.tracer {
+            Some(tracer) => {
+                let found = tracer.sample(&self.tiles, &self.camera, at, self.film.samples, &done);
+                if found.is_none() {
+                    return false;
+                }
+                found
+            }
+            None => None,
+        };
         let first = self.film.samples == 0;
         for (tile, pixels) in found.into_iter().enumerate() {
             let corner = self.tiles.corner(tile);
@@ -224,15 +237,18 @@ impl<'a> Picture<'a> {
                 for (sum, colour) in self.film.radiance[at].iter_mut().zip(pixel.radiance.to_array()) {
                     *sum += colour;
                 }
-                self.film.transmittance[at] += libm::exp(-pixel.depth);
-                self.film.depth[at] += pixel.depth;
+                let depth = if self.optics.is_clear { 0.0 } else { pixel.depth };
+                self.film.transmittance[at] += libm::exp(-depth);
+                self.film.depth[at] += depth;
+                if let (Some(squares), None) = (&mut self.film.squares, &traced) {
+                    squares[at] += pixel.radiance.dot(LUMINANCE) * pixel.radiance.dot(LUMINANCE);
+                }
                 if first {
                     self.film.half[at] = pixel.half;
                 }
             }
         }
-        if let Some(tracer) = &self.tracer {
-            let found = tracer.sample(&self.tiles, &self.camera, at, self.film.samples, &done);
+        if let Some(found) = traced {
             for (sum, found) in self.film.radiance.iter_mut().zip(&found) {
                 *sum = (DVec3::from(*sum) + *found).to_array();
             }
@@ -241,6 +257,7 @@ impl<'a> Picture<'a> {
             }
         }
         self.film.samples += 1;
+        true
     }
 
     /// Finds the normals of what the first sample saw.

@@ -6,9 +6,9 @@ use glam::DVec3;
 
 use super::camera::Ray;
 use super::grid::{EDGE, Grid};
-use super::optics::MOST_LAMPS;
 use super::tiles::{Seen, TILE};
 use crate::num::Real;
+use crate::scene::MOST_LAMPS;
 
 /// Lanes that a group of rays fills.
 pub(super) const LANES: usize = 16;

@@ -6,11 +6,12 @@ use glam::DVec3;
 
 use super::exact::{Towards, first_half};
 use super::grid::{EDGE, Grid};
-use super::optics::{Lamp, MOST_LAMPS, Optics};
+use super::optics::{Lamp, Optics};
 use super::rays::{Hits, LANES, Rays, single};
 use super::segment::Weights;
 use super::table::{Table, trilinear};
 use crate::num::Real;
+use crate::scene::MOST_LAMPS;
 
 /// Points of a brick's shadow table along an edge: the corners of all cells, or of cubes of 2^3 cells.
 pub(super) const FINE: usize = 9;

@@ -210,6 +210,7 @@ impl Map {
         let wanted = Wanted { deepest: DEEPEST, extinction };
         let dark = Optics {
             extinction,
+            is_clear: false,
             albedo: DVec3::ZERO,
             anisotropy: 0.0,
             emission: DVec3::ZERO,

@@ -14,6 +14,9 @@ const AHEAD: usize = 16;
 /// A segment is divided no more often than into so many.
 const MOST_SEGMENTS: f32 = 65536.0;
 
+/// The optical depth that stands for no transmittance: in single precision there is none beyond it.
+const OPAQUE: f64 = 104.0;
+
 /// A number for each sample; packed stores write whole lanes.
 pub(super) struct Room(pub(super) [f32; VOXELS + LANES]);
 
@@ -309,6 +312,6 @@ fn blocked<R: Real<Scalar = f32>>(token: R::Token, alpha: R) -> R {
     }
     let left = (one - alpha).most(R::constant(token, 1e-30));
     let closed = left.log2() * R::constant(token, -std::f64::consts::LN_2);
-    let closed = R::select(alpha.lt(one), closed, R::constant(token, 1e30));
+    let closed = R::select(alpha.lt(one), closed, R::constant(token, OPAQUE));
     R::select(alpha.lt(R::constant(token, 0.1)), series * alpha, closed)
 }

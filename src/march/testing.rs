@@ -58,6 +58,7 @@ pub(super) fn procedural(field: &Field, step: f64) -> Medium<'_> {
 pub(super) fn grey(extinction: f64) -> Optics {
     Optics {
         extinction,
+        is_clear: false,
         albedo: DVec3::ZERO,
         anisotropy: 0.0,
         emission: DVec3::ZERO,
@@ -70,18 +71,25 @@ pub(super) fn sun(direction: DVec3) -> Lamp {
     Lamp::Sun { direction: direction.normalize(), irradiance: DVec3::new(3.0, 2.0, 1.0) }
 }
 
+/// A camera that looks from one place to another, and sees so much to each side: at distance 1, or in metres.
+pub(super) fn looking(eye: DVec3, at: DVec3, half: f64, is_orthographic: bool) -> Camera {
+    let forward = (at - eye).normalize();
+    let right = forward.any_orthonormal_vector();
+    Camera { eye, forward, right, up: right.cross(forward), half: DVec2::splat(half), is_orthographic }
+}
+
 /// A camera of parallel rays along `forward`, on the origin, that sees a square of `width` metres.
 pub(super) fn camera(forward: DVec3, width: f64) -> Camera {
-    let forward = forward.normalize();
-    let right = forward.any_orthonormal_vector();
-    Camera {
-        eye: forward * -4.0,
-        forward,
-        right,
-        up: right.cross(forward),
-        half: DVec2::splat(0.5 * width),
-        is_orthographic: true,
+    looking(forward.normalize() * -4.0, DVec3::ZERO, 0.5 * width, true)
+}
+
+/// All samples of a picture.
+pub(super) fn shoot(medium: &Medium<'_>, camera: Camera, optics: &Optics, quality: Quality) -> Film {
+    let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
+    for _ in 0..quality.samples {
+        picture.sample(|_| true);
     }
+    picture.film().clone()
 }
 
 /// A picture of 24 x 24 pixels.
@@ -97,12 +105,7 @@ pub(super) fn film(
         How::Paths(seed) => Integrator::Path { seed },
         _ => Integrator::Single,
     };
-    let quality = Quality { size: [24; 2], samples, cutoff: 1e-7, shadow, integrator };
-    let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
-    for _ in 0..samples {
-        picture.sample(|_| ());
-    }
-    picture.film().clone()
+    shoot(medium, camera, optics, Quality { size: [24; 2], samples, cutoff: 1e-7, shadow, integrator })
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]

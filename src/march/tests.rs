@@ -4,12 +4,12 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
+use super::testing::{grey, looking, shoot};
 use super::{
-    Baked, Camera, Entry, Film, Grid, Integrator, Lamp, Marching, Meaning, Medium, Method, Optics, Picture,
+    Baked, Camera, Entry, Film, Grid, Integrator, Lamp, Marching, Meaning, Medium, Method, Optics,
     Procedural, Quality, Shadow,
 };
 use crate::field::{Field, Lattice};
-use crate::num::Level;
 use crate::scene::Scene;
 use crate::volume::testing::{tree, unit};
 use crate::volume::{Filter, Sampler, Tree};
@@ -39,29 +39,9 @@ fn voxels(density: impl Fn([i32; 3]) -> f64) -> Tree<f32> {
     })
 }
 
-fn optics(extinction: f64) -> Optics {
-    Optics {
-        extinction,
-        albedo: DVec3::ZERO,
-        anisotropy: 0.0,
-        emission: DVec3::ZERO,
-        lamps: Vec::new(),
-        ambient: DVec3::ZERO,
-    }
-}
-
-fn looking(eye: DVec3, at: DVec3, half: f64, is_orthographic: bool) -> Camera {
-    let forward = (at - eye).normalize();
-    let right = forward.any_orthonormal_vector();
-    Camera { eye, forward, right, up: right.cross(forward), half: DVec2::splat(half), is_orthographic }
-}
-
 fn take(medium: &Medium<'_>, camera: Camera, optics: &Optics, edge: usize, pitch: f64) -> Film {
     let (shadow, integrator) = (Shadow::Cached(pitch), Integrator::Single);
-    let quality = Quality { size: [edge; 2], samples: 1, cutoff: 1e-12, shadow, integrator };
-    let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
-    picture.sample(|_| {});
-    picture.film().clone()
+    shoot(medium, camera, optics, Quality { size: [edge; 2], samples: 1, cutoff: 1e-12, shadow, integrator })
 }
 
 /// The optical depth of voxels from a place on, by many samples.
@@ -103,7 +83,7 @@ fn optical_depth_of_voxels_is_exact() {
         for is_orthographic in [false, true] {
             let camera =
                 looking(centre + eye, centre, if is_orthographic { 1.5 } else { 0.3 }, is_orthographic);
-            let film = take(&medium, camera, &optics(2.0), 9, 2.0);
+            let film = take(&medium, camera, &grey(2.0), 9, 2.0);
             for pixel in (0..81).step_by(if number == 1 { 5 } else { 7 }) {
                 let [x, y] = [pixel % 9, pixel / 9].map(|c| f64::from(u8::try_from(c).expect("small")));
                 let place = DVec2::new(2.0 * (x + 0.5) / 9.0 - 1.0, 1.0 - 2.0 * (y + 0.5) / 9.0);
@@ -132,7 +112,7 @@ fn a_slab_has_its_transmittance_and_from_both_sides() {
     let mut found = Vec::new();
     for side in [-4.0, 4.0] {
         let camera = looking(centre + DVec3::new(side, 0.0, 0.0), centre, 0.5, true);
-        let film = take(&medium, camera, &optics(0.7), 8, 2.0);
+        let film = take(&medium, camera, &grey(0.7), 8, 2.0);
         for pixel in 0..64 {
             assert!((film.depth[pixel] - expected).abs() < 1e-6 * expected);
             assert!((film.transmittance[pixel] - libm::exp(-expected)).abs() < 1e-6);
@@ -157,7 +137,7 @@ fn a_gaussian_has_its_optical_depth() {
     let medium = medium(&voxels(density));
     let middle = grid().to_world(centre);
     let camera = looking(middle + DVec3::new(3.0, 5.0, 4.0), middle, 0.6, true);
-    let film = take(&medium, camera, &optics(1.0), 16, 2.0);
+    let film = take(&medium, camera, &grey(1.0), 16, 2.0);
     for pixel in 0..256 {
         let [x, y] = [pixel % 16, pixel / 16].map(|c| f64::from(u8::try_from(c).expect("small")));
         let b = DVec2::new(2.0 * (x + 0.5) / 16.0 - 1.0, 2.0 * (y + 0.5) / 16.0 - 1.0) * 0.6 / CELL;
@@ -182,7 +162,7 @@ fn in_a_furnace_everything_is_one() {
     for tree in [tree, noisy] {
         let medium = medium(&tree);
         let centre = grid().to_world(DVec3::ZERO);
-        let bright = Optics { albedo: DVec3::ONE, ambient: DVec3::ONE, ..optics(3.0) };
+        let bright = Optics { albedo: DVec3::ONE, ambient: DVec3::ONE, ..grey(3.0) };
         let camera = looking(centre + DVec3::new(3.0, 2.0, 4.0), centre, 0.4, false);
         let film = take(&medium, camera, &bright, 32, 2.0);
         for colour in film.develop(Some(DVec3::ONE)).colour {
@@ -207,8 +187,7 @@ fn light_along_the_view_has_its_closed_forms() {
         for towards in [false, true] {
             let direction = if towards { -forward } else { forward };
             let sun = Lamp::Sun { direction, irradiance: DVec3::new(2.0, 1.0, 0.5) };
-            let lit =
-                Optics { albedo: DVec3::splat(0.8), anisotropy, lamps: vec![sun], ..optics(extinction) };
+            let lit = Optics { albedo: DVec3::splat(0.8), anisotropy, lamps: vec![sun], ..grey(extinction) };
             let film = take(&medium, camera, &lit, 24, 1.0);
             let cos: f64 = if towards { 1.0 } else { -1.0 };
             let narrow = 1.0 + anisotropy * anisotropy - 2.0 * anisotropy * cos;
@@ -235,7 +214,7 @@ fn a_point_lights_as_its_distance_says() {
     let camera = looking(centre - DVec3::X * 4.0, centre, 0.3, true);
     let lamp = centre + DVec3::new(0.4, 0.2, 5.0);
     let point = Lamp::Point { position: lamp, intensity: DVec3::ONE };
-    let lit = Optics { albedo: DVec3::ONE, lamps: vec![point], ..optics(1e-4) };
+    let lit = Optics { albedo: DVec3::ONE, lamps: vec![point], ..grey(1e-4) };
     let film = take(&medium, camera, &lit, 5, 2.0);
     for pixel in 0..25 {
         let [x, y] = [pixel % 5, pixel / 5].map(|c| f64::from(u8::try_from(c).expect("small")));
@@ -259,7 +238,7 @@ fn two_slabs_cover_each_other_in_order() {
     let far = voxels(|[x, _, _]| if x >= 0 { 3.0 } else { 0.2 });
     let centre = grid().to_world(DVec3::splat(-0.5));
     let sun = Lamp::Sun { direction: DVec3::X, irradiance: DVec3::ONE };
-    let lit = Optics { albedo: DVec3::ONE, lamps: vec![sun], ..optics(1.0) };
+    let lit = Optics { albedo: DVec3::ONE, lamps: vec![sun], ..grey(1.0) };
     let camera = looking(centre - DVec3::X * 4.0, centre, 0.5, true);
     let [first, second] = [near, far].map(|tree| take(&medium(&tree), camera, &lit, 4, 2.0).half[0]);
     // Half of the light is lost in the near slab: after ln 2 / 3 m; or the thin one takes 0.32 first.
@@ -300,7 +279,7 @@ fn a_scenes_optical_depth_is_of_order_four_in_the_step() {
     for step in [4.0, 2.0, 1.0] {
         let lattice = Lattice { voxel_size: 0.05 };
         let medium = Medium::Procedural(Procedural::new(&field, lattice, step, 1 << 30).expect("small"));
-        let film = take(&medium, camera, &optics(1.0), 16, 2.0);
+        let film = take(&medium, camera, &grey(1.0), 16, 2.0);
         let mut squares = 0.0;
         for pixel in 0..256 {
             let [x, y] = [pixel % 16, pixel / 16].map(|c| f64::from(u8::try_from(c).expect("small")));
@@ -325,13 +304,13 @@ fn a_dense_scene_ends_and_is_as_bright_as_it_should_be() {
     let medium = Medium::Procedural(Procedural::new(&field, lattice, 1.0, 1 << 30).expect("small"));
     let camera = looking(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, 0.1, true);
     for extinction in [1.0, 10.0, 1e6, 1e12, 1e30] {
-        let furnace = Optics { albedo: DVec3::ONE, ambient: DVec3::ONE, ..optics(extinction) };
+        let furnace = Optics { albedo: DVec3::ONE, ambient: DVec3::ONE, ..grey(extinction) };
         let film = take(&medium, camera, &furnace, 4, 2.0);
         for colour in film.develop(Some(DVec3::ONE)).colour {
             assert!((colour - DVec3::ONE).abs().max_element() < 1e-11, "{colour}");
         }
         let sun = Lamp::Sun { direction: DVec3::Y, irradiance: DVec3::ONE };
-        let lit = Optics { albedo: DVec3::ONE, lamps: vec![sun], ..optics(extinction) };
+        let lit = Optics { albedo: DVec3::ONE, lamps: vec![sun], ..grey(extinction) };
         let film = take(&medium, camera, &lit, 4, 1.0);
         for pixel in 0..16 {
             let truth = -libm::expm1(-2.0 * film.depth[pixel]) / (8.0 * PI);
@@ -350,7 +329,7 @@ fn linear_tube(marching: Marching, step: f64) -> (f64, [u64; 2]) {
     let lattice = Lattice { voxel_size: 0.05 };
     let procedural = Procedural::new(&field, lattice, step, 1 << 30).expect("small").with(marching);
     let medium = Medium::Procedural(procedural);
-    let film = take(&medium, camera, &optics(1.0), 16, 2.0);
+    let film = take(&medium, camera, &grey(1.0), 16, 2.0);
     let mut squares = 0.0;
     for pixel in 0..256 {
         let [x, y] = [pixel % 16, pixel / 16].map(|c| f64::from(u8::try_from(c).expect("small")));
@@ -426,7 +405,7 @@ octaves = 2
     let film = |map_every: usize| {
         let marching = Marching { method: Method::Midpoint, map_every, ..Marching::default() };
         let procedural = Procedural::new(&field, Lattice { voxel_size: 0.03 }, 0.5, 1 << 30).expect("small");
-        take(&Medium::Procedural(procedural.with(marching)), camera, &optics(1.0), 40, 2.0).depth
+        take(&Medium::Procedural(procedural.with(marching)), camera, &grey(1.0), 40, 2.0).depth
     };
     let truth = film(1);
     let size = (truth.iter().map(|depth| depth * depth).sum::<f64>()).sqrt();

@@ -1,7 +1,7 @@
 //! Ratio tracking: transmittance estimated without bias.
 
 use super::camera::Ray;
-use super::majorant::{Flight, Guided, Majorants, Tentative};
+use super::majorant::{Event, Flight, Guided, Majorants, Tentative};
 use super::medium::Medium;
 use super::points::Spot;
 use super::random::Random;
@@ -14,6 +14,11 @@ const LEAST: f64 = 0.05;
 /// Goes on through a tentative collision where the density is known. Whether something is left.
 pub(super) fn pass(transmittance: &mut f64, at: &Tentative, density: f64, random: &mut Random) -> bool {
     *transmittance *= 1.0 - (density / at.majorant).min(1.0);
+    survives(transmittance, random)
+}
+
+/// Ends what is next to nothing, or makes up for that. Whether something is left.
+pub(super) fn survives(transmittance: &mut f64, random: &mut Random) -> bool {
     if *transmittance < LEAST {
         let survives = random.next() * LEAST < *transmittance;
         *transmittance = if survives { LEAST } else { 0.0 };
@@ -37,7 +42,7 @@ impl Medium<'_> {
         level: Level,
     ) -> Vec<f64> {
         let majorants = Majorants::new(self);
-        let guided = Guided { medium: self, majorants: &majorants, extinction };
+        let guided = Guided { medium: self, majorants: &majorants, extinction, is_regular: false };
         let along = self.grid().ray(ray);
         let start = |number| Estimate {
             flight: Flight::new(&guided, &along, range),
@@ -73,7 +78,13 @@ struct Estimate {
 
 impl Estimate {
     fn next(&mut self, guided: &Guided<'_>) -> Option<Tentative> {
-        if self.transmittance > 0.0 { self.flight.next(guided, &mut self.random) } else { None }
+        if self.transmittance <= 0.0 {
+            return None;
+        }
+        match self.flight.next(guided, &mut self.random) {
+            Some(Event::Tentative(at)) => Some(at),
+            _ => None,
+        }
     }
 }
 

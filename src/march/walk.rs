@@ -202,6 +202,23 @@ impl Cells {
         let (cell, range) = self.cells.next(&self.local)?;
         Some((cell.map(|c| c.clamp(0, EDGE - 1).unsigned_abs() as usize), range))
     }
+
+    /// The same as [`integral`] over a part of the line in one of them.
+    pub(super) fn integral(
+        &self,
+        cell: [usize; 3],
+        [begin, end]: [f64; 2],
+        value: impl Fn([usize; 3], DVec3) -> f64,
+    ) -> f64 {
+        let length = end - begin;
+        #[allow(clippy::cast_precision_loss, reason = "0 to 7")]
+        let from = DVec3::from(cell.map(|c| c as f64));
+        let sample = |gauss: f64| {
+            let place = (self.local.at(begin + gauss * length) - from).clamp(DVec3::ZERO, DVec3::ONE);
+            0.5 * length * value(cell, place)
+        };
+        super::segment::GAUSS.map(sample).iter().sum()
+    }
 }
 
 /// The integral over a brick's part of a line of what is linear along each axis in every cell: cell by cell, where it is a
@@ -214,18 +231,11 @@ pub(super) fn integral(
     value: impl Fn([usize; 3], DVec3) -> f64,
 ) -> f64 {
     let mut cells = Cells::new(line, step);
-    let local = cells.local;
     let mut sum = 0.0;
     while sum < enough
-        && let Some((cell, [begin, end])) = cells.next()
+        && let Some((cell, range)) = cells.next()
     {
-        let length = end - begin;
-        #[allow(clippy::cast_precision_loss, reason = "0 to 7")]
-        let from = DVec3::from(cell.map(|c| c as f64));
-        for gauss in super::segment::GAUSS {
-            let place = (local.at(begin + gauss * length) - from).clamp(DVec3::ZERO, DVec3::ONE);
-            sum += 0.5 * length * value(cell, place);
-        }
+        sum += cells.integral(cell, range, &value);
     }
     sum
 }

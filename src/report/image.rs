@@ -75,8 +75,8 @@ pub struct Flip {
 
 /// Compares the channels of equal names of two images of one size; `None` where the sizes differ, or there are no such channels.
 ///
-/// FLIP takes red, green and blue (of the first layer that has them, where names have the form `layer.R`), else `Y`, else the
-/// only channel, brightens linear values by `exposure` stops and cuts them to [0, 1].
+/// FLIP takes red, green and blue (of the first layer that has them, where names have the form `layer.R`), else `Y`, brightens
+/// linear values by `exposure` stops and cuts them to [0, 1]. Of other layers (`depth.Z`, `transmittance.Y`) it says nothing.
 pub fn compare_images(
     a: &Picture,
     b: &Picture,
@@ -126,7 +126,7 @@ fn difference<I: Iterator<Item = (f64, f64)>>(
     ChannelDifference { name, errors: Errors::new(pairs(), peak), rel_mse: sum / count.max(1.0) }
 }
 
-/// The names of the channels that show something: three, or one.
+/// The names of the channels that show colours: three, or one of luminance.
 fn colours(names: &[&str]) -> Option<Vec<String>> {
     let layer = |name: &str| name.strip_suffix('R').map(str::to_owned);
     let has = |name: &str| names.contains(&name);
@@ -136,10 +136,9 @@ fn colours(names: &[&str]) -> Option<Vec<String>> {
     layers.sort_by_key(|layer| !layer.is_empty());
     let of = |layer: &String| ["R", "G", "B"].map(|part| format!("{layer}{part}")).to_vec();
     let coloured = layers.iter().map(of).find(|channels| channels.iter().all(|name| has(name)));
-    let luminous = || names.iter().find(|name| **name == "Y" || name.ends_with(".Y"));
-    coloured
-        .or_else(|| luminous().map(|name| vec![(*name).to_owned()]))
-        .or_else(|| (names.len() == 1).then(|| vec![names[0].to_owned()]))
+    // Not the part of a vector.
+    let luminous = has("Y") && !has("X") && !has("Z");
+    coloured.or_else(|| luminous.then(|| vec!["Y".to_owned()]))
 }
 
 /// By FLIP.
@@ -217,8 +216,13 @@ mod tests {
         assert_eq!(of(&["z.B", "z.G", "z.R", "B", "G", "R"]).as_deref(), Some("R G B"));
         assert_eq!(of(&["a.Z", "z.B", "z.G", "z.R"]).as_deref(), Some("z.R z.G z.B"));
         assert_eq!(of(&["A", "Y"]).as_deref(), Some("Y"));
-        assert_eq!(of(&["Z"]).as_deref(), Some("Z"));
         assert_eq!((of(&["N", "Z"]), of(&["BAR", "BAG", "BAB"])), (None, None));
+        // Distances, vectors and depths are no colours.
+        assert_eq!(
+            (of(&["Z"]), of(&["depth.Z"]), of(&["normal.X", "normal.Y", "normal.Z"])),
+            (None, None, None)
+        );
+        assert_eq!((of(&["X", "Y", "Z"]), of(&["opticalDepth.Y"])), (None, None));
     }
 
     #[test]

@@ -355,6 +355,9 @@ impl Default for Projection {
     }
 }
 
+/// As many suns and points as a scene may have.
+pub const MOST_LAMPS: usize = 8;
+
 /// A light. Baking does not read it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Light {

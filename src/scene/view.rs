@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::error::Fault;
 use super::keys::{CAMERA, LIGHT};
 use super::reader::{Reader, Words};
-use super::{Camera, Light, Medium, Projection, limit};
+use super::{Camera, Light, MOST_LAMPS, Medium, Projection, limit};
 
 /// From the upper right, before the scene.
 const DIRECTION: [f64; 3] = [-1.0, 0.6, -0.8];
@@ -91,12 +91,27 @@ pub(super) fn camera(root: &Reader<'_>) -> Camera {
 
 /// The scene's lights; a sun and a little light from everywhere where it has none.
 pub(super) fn lights(root: &Reader<'_>) -> Vec<Light> {
-    let lights: Vec<Light> = root.tables("light", &LIGHT).iter().map(light).collect();
+    let tables = root.tables("light", &LIGHT);
+    let lights: Vec<Light> = tables.iter().map(light).collect();
+    let lamps = tables.iter().zip(&lights).filter(|(_, light)| !matches!(light, Light::Ambient { .. }));
+    if let Some((table, _)) = lamps.clone().nth(MOST_LAMPS) {
+        let count = lamps.count();
+        table.report(
+            Fault::at(table.span(), format!("a scene has no more than {MOST_LAMPS} suns and points"))
+                .label(format!("this one is too many, of {count}")),
+        );
+    }
     if !lights.is_empty() {
         return lights;
     }
     let direction = DVec3::from_array(DIRECTION).normalize().to_array();
     vec![Light::Sun { direction, irradiance: [1.0; 3] }, Light::Ambient { radiance: [0.01; 3] }]
+}
+
+/// The same direction with length 1, however short the vector; `None` without a direction.
+fn unit(vector: DVec3) -> Option<DVec3> {
+    let most = vector.abs().max_element();
+    if most > 0.0 { (vector / most).try_normalize() } else { None }
 }
 
 fn light(table: &Reader<'_>) -> Light {
@@ -129,7 +144,7 @@ fn light(table: &Reader<'_>) -> Light {
             Light::Point { position: position.unwrap_or([0.0; 3]), intensity }
         }
         Kind::Sun => {
-            let unit = DVec3::from_array(direction.unwrap_or(DIRECTION)).try_normalize();
+            let unit = unit(DVec3::from_array(direction.unwrap_or(DIRECTION)));
             if let (None, Some(item)) = (unit, table.get("direction")) {
                 table.report(
                     Fault::at(item.span(), "`direction` has no length")

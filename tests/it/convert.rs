@@ -8,20 +8,10 @@ use tempfile::tempdir;
 use vdbake::formats::vdb::{AnyTree, VdbFile};
 
 use crate::oracle::openvdb_make;
-use crate::support::{bake, scenes_with_tiles, stderr, stdout, vdbake, write};
+use crate::support::{bake, json, scenes_with_tiles, stderr, text, vdbake, write};
 
 fn convert(arguments: &[&str]) -> Result<Value, String> {
-    let output =
-        vdbake().arg("convert").args(arguments).args(["--json", "--quiet"]).output().expect("it starts");
-    if output.status.success() {
-        Ok(serde_json::from_str(&stdout(&output)).expect("one JSON object"))
-    } else {
-        Err(format!("{} {}", output.status.code().unwrap_or(-1), stderr(&output)))
-    }
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a plain path")
+    json("convert", arguments)
 }
 
 /// A `.vol` file.

@@ -9,22 +9,12 @@ use serde_json::Value;
 use tempfile::tempdir;
 
 use crate::oracle::exr_dump;
-use crate::support::{stderr, stdout, vdbake, write};
+use crate::support::{json, stderr, text, vdbake, write};
 
 const SIZE: [&str; 2] = ["--size", "120x80"];
 
 fn render(arguments: &[&str]) -> Result<Value, String> {
-    let output =
-        vdbake().arg("render").args(arguments).args(["--json", "--quiet"]).output().expect("it starts");
-    if output.status.success() {
-        Ok(serde_json::from_str(&stdout(&output)).expect("one JSON object"))
-    } else {
-        Err(format!("{} {}", output.status.code().unwrap_or(-1), stderr(&output)))
-    }
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a plain path")
+    json("render", arguments)
 }
 
 fn tornado() -> PathBuf {
@@ -59,6 +49,8 @@ fn a_file_and_its_scene_look_alike() {
     let folder = tempdir().expect("a folder");
     let scene = tornado();
     let baked = bake(folder.path(), "200");
+    let report = json("plan", &[text(&scene), "--resolution", "200"]).expect("a plan");
+    let voxel_size = report["voxel_size"].as_f64().expect("a number");
     let (of_scene, of_file) = (folder.path().join("scene.exr"), folder.path().join("file.exr"));
     let report = render(&[&[text(&scene), "-o", text(&of_scene), "--resolution", "200"][..], &SIZE].concat())
         .expect("a picture");
@@ -81,13 +73,32 @@ fn a_file_and_its_scene_look_alike() {
     ];
     assert_eq!(scene.keys().collect::<Vec<_>>(), expected);
     let peak = f64::from(scene["G"].iter().copied().fold(0.0, f32::max));
-    for name in ["G", "transmittance.Y"] {
+    let apart = |file: &BTreeMap<String, Vec<f32>>, name: &str| {
         let squares = scene[name].iter().zip(&file[name]).map(|(a, b)| f64::from(a - b) * f64::from(a - b));
-        let rms = mean(squares).sqrt() / if name == "G" { peak } else { 1.0 };
-        // What linear interpolation between voxels changes at this resolution.
+        mean(squares).sqrt() / if name == "G" { peak } else { 1.0 }
+    };
+    // There is no closed form of what linear interpolation between voxels changes. The bound lies between that and what half a
+    // voxel does: a camera that is shifted by so much sees too little of a likeness.
+    let half = 0.5 * voxel_size;
+    let shifted = write(
+        &folder.path().join("shifted.toml"),
+        &fs::read_to_string(tornado())
+            .expect("a scene")
+            .replace("[0, -5.2, 1.5]", &format!("[{half}, {}, {}]", -5.2 + half, 1.5 + half))
+            .replace("look_at = [0, 0, 1.25]", &format!("look_at = [{half}, {half}, {}]", 1.25 + half)),
+    );
+    let beside = folder.path().join("beside.exr");
+    render(&[&[text(&baked), "-o", text(&beside), "--scene", text(&shifted)][..], &SIZE].concat())
+        .expect("a picture");
+    let beside = channels(&beside);
+    for name in ["G", "transmittance.Y"] {
+        let rms = apart(&file, name);
         assert!(rms < 1.2e-2, "{name}: {rms}");
         assert!(rms > 1e-6, "the two are not the same field");
+        assert!(apart(&beside, name) > 1.5 * rms, "{name}");
     }
+    let rms = apart(&beside, "transmittance.Y");
+    assert!(rms > 1.5 * 1.2e-2, "{rms}");
     for (channel, values) in &scene {
         assert!(values.iter().all(|value| channel == "depth.Z" || value.is_finite()), "{channel}");
     }
@@ -191,6 +202,103 @@ fn volumes_of_other_programs_are_drawn() {
     }
 }
 
+/// A scene with one tube, drawn in white light that nothing absorbs.
+fn draw_tube(folder: &Path, more: &str, options: &[&str]) -> BTreeMap<String, Vec<f32>> {
+    let tube = "[[tube]]\ncurve = { points = [[0, 0, -1], [0.1, 0, 0], [0, 0, 1]] }\nradius = 0.5\n";
+    let scene = write(&folder.join("tube.toml"), &format!("{tube}{more}"));
+    let image = folder.join("tube.exr");
+    let arguments =
+        [&[text(&scene), "-o", text(&image), "--resolution", "24", "--size", "24x24"][..], options];
+    render(&arguments.concat()).expect("a picture");
+    channels(&image)
+}
+
+/// What does not extinguish is not there but for what glows in it, by either integrator: its radiance is the emission times the
+/// density's integral, which a thin medium shows as its optical depth.
+#[test]
+fn what_only_glows_extinguishes_nothing() {
+    let folder = tempdir().expect("a folder");
+    let thin = draw_tube(folder.path(), "[medium]\nextinction = 1.0\n", &["--cutoff", "1e-9"]);
+    let glow = "[medium]\nextinction = 0\nemission = 2.0\n[[light]]\nirradiance = 1e6\n";
+    for integrator in ["single", "path"] {
+        let found = draw_tube(folder.path(), glow, &["--integrator", integrator]);
+        assert!(found["opticalDepth.Y"].iter().chain(&found["A"]).all(|value| *value == 0.0));
+        assert!(found["transmittance.Y"].iter().all(|value| *value == 1.0));
+        for (radiance, depth) in found["G"].iter().zip(&thin["opticalDepth.Y"]) {
+            // Steps are divided where it is dense only.
+            assert!((radiance - 2.0 * depth).abs() < 1e-3, "{integrator}: {radiance}, not 2 x {depth}");
+        }
+        assert!(found["G"].iter().any(|radiance| *radiance > 0.5));
+    }
+}
+
+/// A step that is opaque lets nothing through, and has a depth that a number holds.
+#[test]
+fn opaque_steps_have_a_depth() {
+    let folder = tempdir().expect("a folder");
+    let found = draw_tube(folder.path(), "[medium]\nextinction = 1e6\n", &["--method", "alpha"]);
+    let deepest = found["opticalDepth.Y"].iter().copied().fold(0.0, f32::max);
+    assert!((90.0..200.0).contains(&deepest), "{deepest}");
+    assert!(found["transmittance.Y"].contains(&0.0));
+}
+
+#[test]
+fn noise_needs_two_samples() {
+    let folder = tempdir().expect("a folder");
+    for (samples, has_noise) in [("1", false), ("2", true)] {
+        let found = draw_tube(folder.path(), "", &["--integrator", "path", "--samples", samples]);
+        assert_eq!(found.contains_key("noise.Y"), has_noise);
+        assert!(found.iter().all(|(name, values)| name == "depth.Z" || values.iter().all(|v| v.is_finite())));
+    }
+}
+
+/// From a thousand million metres away a tube fills the picture as it does in parallel light.
+#[test]
+fn cameras_far_away_are_framed() {
+    let folder = tempdir().expect("a folder");
+    let camera =
+        |kind: &str| format!("[camera]\nkind = \"{kind}\"\nposition = [0, -1e9, 0]\nlook_at = [0, 0, 0]\n");
+    let [far, flat] = ["perspective", "orthographic"]
+        .map(|kind| draw_tube(folder.path(), &camera(kind), &["--cutoff", "1e-9"]));
+    assert!(flat["opticalDepth.Y"].iter().filter(|depth| **depth > 0.1).count() > 50);
+    for (far, flat) in far["opticalDepth.Y"].iter().zip(&flat["opticalDepth.Y"]) {
+        // Rays are good to 1e-16 of the distance, 1e-7 m.
+        assert!((far - flat).abs() < 1e-3 * (1.0 + flat), "{far}, not {flat}");
+    }
+}
+
+/// A camera that sees nothing is told of: a picture without anything in it may have been meant otherwise.
+#[test]
+fn who_looks_elsewhere_is_told() {
+    let folder = tempdir().expect("a folder");
+    let baked = bake(folder.path(), "32");
+    let look = |camera: &str| {
+        let scene = write(&folder.path().join("view.toml"), camera);
+        let mut command = vdbake();
+        command.arg("render").arg(&baked).arg("--scene").arg(scene).args(SIZE);
+        let output = command.arg("-o").arg(folder.path().join("a.png")).output().expect("it starts");
+        assert!(output.status.success());
+        stderr(&output).contains("nothing of")
+    };
+    assert!(look("[camera]\nposition = [0, -9, 0]\nlook_at = [0, -20, 0]\n"));
+    assert!(!look("[camera]\nposition = [0, -9, 1]\nlook_at = [0, 0, 1]\n"));
+}
+
+/// Pictures of a medium that no light enters come to an end, and at once where they are told to.
+#[test]
+fn dense_media_end() {
+    let folder = tempdir().expect("a folder");
+    let dense =
+        "[medium]\nextinction = 1e9\n[[light]]\ndirection = [0, 1, 0]\n[camera]\nposition = [0, -9, 0]\n";
+    let started = std::time::Instant::now();
+    let by_path = draw_tube(folder.path(), dense, &["--integrator", "path", "--samples", "4"]);
+    let limited = ["--integrator", "path", "--time-limit", "0.5"];
+    draw_tube(folder.path(), dense, &limited);
+    // Ten minutes did not do before; no figure of speed, but a bound that no slow machine comes near.
+    assert!(started.elapsed().as_secs() < 120);
+    assert!(by_path["G"].iter().any(|light| *light > 0.05));
+}
+
 #[test]
 fn a_picture_does_not_differ_from_itself_where_there_is_nothing() {
     let folder = tempdir().expect("a folder");
@@ -222,7 +330,12 @@ fn wrong_arguments_are_2_and_wrong_input_is_3() {
         (&[file, "-o", image, "--resolution", "9"], "2 error: --resolution has no meaning for a file"),
         (&[file, "-o", image, "--grid", "smoke"], "2 error: the file has no grid"),
         (&[file, "-o", image, "--background", "1,2"], "2 error: invalid value '1,2'"),
-        (&[file, "-o", image, "--memory", "10kB"], "3 error: cannot read"),
+        (&[file, "-o", text(&folder.path().join("none/a.exr"))], "1 error: there is no folder"),
+        (&[file, "-o", image, "--step", "2"], "2 error: --step has no meaning for a file"),
+        (&[file, "-o", image, "--memory", "10kB"], "1 error: a picture of"),
+        (&[file, "-o", image, "--size", "9x5", "--memory", "16MiB"], "1 error: a picture of"),
+        // What the pixels leave is too little for the file.
+        (&[file, "-o", image, "--size", "9x5", "--memory", "16800kB"], "3 error: cannot read"),
         (&[file, "-o", image, "--size", "32768x32768", "--memory", "300MB"], "1 error: a picture of"),
     ] {
         let message = render(arguments).expect_err("a failure");

@@ -1,5 +1,5 @@
-//! The scripts that show a baked file in other renderers: what these make of a small tube, beside integrals of its voxels along
-//! the rays of the same camera.
+//! The scripts that show a baked file in other renderers: what comes through their pictures of three scenes beside `vdbake
+//! render`, and what they make of a small tube beside integrals of its voxels along the rays of the same camera.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -50,16 +50,6 @@ direction = [-1.0, 0.6, -0.8]
 irradiance = [3.0, 2.0, 1.0]
 "#;
 
-/// From so near that it all but fills the picture.
-const NEAR: &str = r#"
-[medium]
-extinction = 2.0
-[camera]
-position = [1.75, -5, 1.5]
-look_at = [0, 0, 0.05]
-fov = 16
-"#;
-
 /// A baked scene, and what is needed to follow rays through its voxels.
 struct Case {
     folder: TempDir,
@@ -77,10 +67,22 @@ struct Case {
 
 impl Case {
     fn new(text: &str, size: [u32; 2]) -> Case {
+        Case::baked(text, size, &[])
+    }
+
+    /// A scene that comes with the project, with so many voxels along its longest side.
+    fn shipped(name: &str, resolution: &str, size: [u32; 2]) -> Case {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).with_extension("toml");
+        let text = fs::read_to_string(path).expect("a readable scene");
+        Case::baked(&text, size, &["--resolution", resolution])
+    }
+
+    fn baked(text: &str, size: [u32; 2], options: &[&str]) -> Case {
         let folder = tempdir().expect("a folder");
         let toml = write(&folder.path().join("case.toml"), text);
         let vdb = folder.path().join("case.vdb");
-        let output = vdbake().arg("bake").arg(&toml).arg("--quiet").arg("-o").arg(&vdb).output();
+        let output =
+            vdbake().arg("bake").arg(&toml).arg("--quiet").arg("-o").arg(&vdb).args(options).output();
         let output = output.expect("the program starts");
         assert!(output.status.success(), "{}", stderr(&output));
         let mut file = VdbFile::open(File::open(&vdb).expect("a file")).expect("a VDB file");
@@ -154,9 +156,39 @@ impl Case {
         DVec2::from(self.size.map(f64::from))
     }
 
-    /// The part of light that comes through, when the grid is shifted by so many voxels.
+    /// The part of light that comes through by `vdbake render`, when the grid is shifted by so many voxels along all axes: when
+    /// the camera is, the other way.
     fn transmittance(&self, shift: f64) -> Vec<f64> {
-        self.pixels(|sampler, ray| libm::exp(-self.depth(sampler, ray, 0.25, shift)))
+        let [width, height] = self.size;
+        let size = format!("{width}x{height}");
+        let from = &view(&[self.vdb.to_str().expect("a plain path"), "--size", &size])["camera"];
+        let vector = |key: &str| -> DVec3 {
+            serde_json::from_value(from[key].clone()).map(DVec3::from_array).expect("a vector")
+        };
+        assert_eq!(from["is_orthographic"], false);
+        let eye = vector("eye") - shift * self.voxel_size;
+        let fov = 2.0 * libm::atan(from["half"][0].as_f64().expect("a number")).to_degrees();
+        let extinction = self.scene.medium().extinction;
+        let shifted = write(
+            &self.folder.path().join("shifted.toml"),
+            &format!(
+                "[medium]\nextinction = {extinction:?}\n[camera]\nposition = {:?}\nlook_at = {:?}\nup = {:?}\nfov = {fov:?}\n",
+                eye.to_array(),
+                (eye + vector("forward")).to_array(),
+                vector("up").to_array()
+            ),
+        );
+        let image = self.folder.path().join("own.exr");
+        let mut command = vdbake();
+        command.arg("render").arg(&self.vdb).arg("-o").arg(&image).args(["--size", &size, "--quiet"]);
+        // So many that a pixel's mean has less of an error than the others' noise; light is followed to where next to none is left.
+        command.args(["--absorption-only", "--samples", "256", "--cutoff", "1e-9"]);
+        if shift != 0.0 {
+            command.arg("--scene").arg(shifted);
+        }
+        let output = command.output().expect("the program starts");
+        assert!(output.status.success(), "{}", stderr(&output));
+        channel(&image, "transmittance.Y", self.size)
     }
 
     /// Radiance of light that was scattered once, of a sun of irradiance 1 in a medium of albedo 1.
@@ -217,17 +249,20 @@ impl Case {
 const BLENDER: &str = "blender_load.py";
 const MITSUBA: &str = "mitsuba_render.py";
 
-/// Red, green and blue of an image, in rows from the top.
+/// Red, green and blue of an image.
 fn channels(path: &Path, size: [u32; 2]) -> [Vec<f64>; 3] {
+    ["R", "G", "B"].map(|name| channel(path, name, size))
+}
+
+/// A channel of an image, in rows from the top.
+fn channel(path: &Path, name: &str, size: [u32; 2]) -> Vec<f64> {
     let image = read_first_flat_layer_from_file(path).expect("an image");
-    let channels = &image.layer_data.channel_data.list;
-    ["R", "G", "B"].map(|name| {
-        let channel = channels.iter().find(|channel| channel.name.eq(name)).expect("a channel");
-        assert!(matches!(channel.sample_data, FlatSamples::F32(_)));
-        let values: Vec<f64> = channel.sample_data.values_as_f32().map(f64::from).collect();
-        assert_eq!(values.len(), size.map(|side| side as usize).iter().product::<usize>());
-        values
-    })
+    let mut channels = image.layer_data.channel_data.list.iter();
+    let channel = channels.find(|channel| channel.name.eq(name)).expect("a channel");
+    assert!(matches!(channel.sample_data, FlatSamples::F32(_)));
+    let values: Vec<f64> = channel.sample_data.values_as_f32().map(f64::from).collect();
+    assert_eq!(values.len(), size.map(|side| side as usize).iter().product::<usize>());
+    values
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -265,9 +300,9 @@ impl Distance {
     }
 }
 
-/// That what comes through the voxels is what comes through them along the camera's rays; of a grid shifted by half a voxel
-/// it is not.
-fn assert_transmittance(case: &Case, script: &str, file: &Path, arguments: &[&str]) {
+/// That what comes through the voxels by a script is what comes through them by `vdbake render`; of a grid shifted by half a
+/// voxel it is not.
+fn assert_transmittance(name: &str, case: &Case, script: &str, file: &Path, arguments: &[&str]) {
     let [first, second] = ["1", "2"].map(|seed| {
         let [red, green, blue] =
             case.render(script, file, &[&["--absorption-only", "--seed", seed], arguments].concat());
@@ -278,23 +313,43 @@ fn assert_transmittance(case: &Case, script: &str, file: &Path, arguments: &[&st
     let found = [&first[..], &second[..]];
     let right = Distance::new(found, &case.transmittance(0.0));
     let shifted = Distance::new(found, &case.transmittance(0.5));
-    assert!(right.pixels > 2000, "{right:?}");
-    assert!(right.is_chance(), "{right:?}");
-    assert!(!shifted.is_chance(), "{shifted:?}");
+    assert!(right.pixels > 500, "{name}: {right:?}");
+    assert!(right.is_chance(), "{name}: {right:?}");
+    assert!(!shifted.is_chance(), "{name}: {shifted:?}");
+}
+
+/// A scene as it is shown to both.
+struct Shown {
+    name: &'static str,
+    /// Voxels along its longest side: as few as its noise allows, so that half of one is seen.
+    resolution: &'static str,
+    /// Of Mitsuba, which lets all or nothing of a ray through: so many that the mean is good to 3e-4 by the spread of its pixels.
+    samples: &'static str,
+}
+
+const SCENES: [Shown; 3] = [
+    Shown { name: "tornado", resolution: "40", samples: "512" },
+    Shown { name: "solar_flare", resolution: "96", samples: "384" },
+    Shown { name: "galaxy", resolution: "64", samples: "768" },
+];
+
+#[test]
+fn light_comes_through_in_blender_as_in_ours() {
+    for Shown { name, resolution, .. } in SCENES {
+        let case = Case::shipped(name, resolution, [120, 68]);
+        // The scene is the one in the file. Blender's mean is off by a part of a step: by 3e-4 in the densest of these.
+        let arguments = ["--samples", "16", "--step", "0.0125"];
+        assert_transmittance(name, &case, BLENDER, &case.vdb, &arguments);
+    }
 }
 
 #[test]
-fn light_comes_through_in_blender_as_along_our_rays() {
-    let case = Case::new(&[TUBE, NEAR].concat(), [160, 90]);
-    // The scene is the one in the file.
-    assert_transmittance(&case, BLENDER, &case.vdb, &["--samples", "16", "--step", "0.25"]);
-}
-
-#[test]
-fn light_comes_through_in_mitsuba_as_along_our_rays() {
-    let case = Case::new(&[TUBE, NEAR].concat(), [120, 68]);
-    let scene = case.toml.to_str().expect("a plain path");
-    assert_transmittance(&case, MITSUBA, &case.vol(), &["--scene", scene, "--samples", "256"]);
+fn light_comes_through_in_mitsuba_as_in_ours() {
+    for Shown { name, resolution, samples, .. } in SCENES {
+        let case = Case::shipped(name, resolution, [120, 68]);
+        let scene = case.toml.to_str().expect("a plain path");
+        assert_transmittance(name, &case, MITSUBA, &case.vol(), &["--scene", scene, "--samples", samples]);
+    }
 }
 
 /// Albedo, phase function, irradiance, the sun's direction and an orthographic camera mean the same everywhere.

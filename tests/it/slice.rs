@@ -11,7 +11,7 @@ use vdbake::formats::vdb::{
 };
 
 use crate::oracle::{exr_dump, openvdb_make};
-use crate::support::{RESOLUTION, bake, evaluated, scenes_with_tiles, stderr, stdout, vdbake, write};
+use crate::support::{RESOLUTION, bake, evaluated, scenes_with_tiles, stderr, stdout, text, vdbake, write};
 
 /// Axes to the right and up, and the axis itself, of a slice.
 const AXES: [(&str, [usize; 3]); 3] = [("x", [1, 2, 0]), ("y", [0, 2, 1]), ("z", [0, 1, 2])];
@@ -29,10 +29,6 @@ fn slice(arguments: &[&str]) -> Result<Value, String> {
 /// A scene whose slices across every axis are many.
 fn tornado() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/tornado.toml")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a plain path")
 }
 
 fn numbers(value: &Value) -> Vec<f64> {

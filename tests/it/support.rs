@@ -51,6 +51,22 @@ pub(crate) fn vdbake() -> Command {
     Command::new(env!("CARGO_BIN_EXE_vdbake"))
 }
 
+/// What a command of the program says in JSON, or its exit code and message.
+pub(crate) fn json(command: &str, arguments: &[&str]) -> Result<Value, String> {
+    let output =
+        vdbake().arg(command).args(arguments).args(["--json", "--quiet"]).output().expect("it starts");
+    if output.status.success() {
+        Ok(serde_json::from_str(&stdout(&output)).expect("one JSON object"))
+    } else {
+        Err(format!("{} {}", output.status.code().unwrap_or(-1), stderr(&output)))
+    }
+}
+
+/// A path as an argument.
+pub(crate) fn text(path: &Path) -> &str {
+    path.to_str().expect("a plain path")
+}
+
 /// The scenes that come with the project.
 pub(crate) fn scenes() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");

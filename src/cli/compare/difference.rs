@@ -8,30 +8,15 @@ use colorous::{Gradient, INFERNO, MAGMA};
 use super::{Arguments, MapName};
 use crate::cli::Failure;
 use crate::cli::interrupt::Interrupt;
-use crate::cli::output::save;
+use crate::cli::output::{ImageForm, save};
 use crate::formats::exr::{self, Part, Samples};
 use crate::formats::png;
 use crate::report::{ImageDifference, Picture};
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Form {
-    Exr,
-    Png,
-}
-
-fn form(path: &Path) -> Result<Form, Failure> {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-    match extension.as_deref() {
-        Some("exr") => Ok(Form::Exr),
-        Some("png") => Ok(Form::Png),
-        _ => Err(Failure::usage(format!("the difference {} ends in neither .exr nor .png", path.display()))),
-    }
-}
-
 /// Refuses outputs that cannot be written, and maps of those that are none.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     let Some(path) = &arguments.difference else { return Ok(()) };
-    if form(path)? == Form::Exr && arguments.map.is_some() {
+    if ImageForm::of(path, "difference")? == ImageForm::Exr && arguments.map.is_some() {
         return Err(Failure::usage("--map has no meaning for .exr, which holds the differences themselves"));
     }
     Ok(())
@@ -56,8 +41,8 @@ pub(super) fn write(
         .collect();
     let mut bytes = Cursor::new(Vec::new());
     let cannot = || Failure::failed(format!("cannot write {}", path.display()));
-    match form(path)? {
-        Form::Exr => {
+    match ImageForm::of(path, "difference")? {
+        ImageForm::Exr => {
             let differences =
                 |a: &[f32], b: &[f32]| Samples::F32(a.iter().zip(b).map(|(a, b)| b - a).collect());
             let part = Part {
@@ -68,7 +53,7 @@ pub(super) fn write(
             };
             exr::write(vec![part], &mut bytes).map_err(|error| cannot().because(error))?;
         }
-        Form::Png => {
+        ImageForm::Png => {
             let pixels = match (arguments.map, &found.flip) {
                 (Some(MapName::Absolute), _) | (None, None) => largest(&pairs, found),
                 (_, Some(flip)) => flip.map.iter().map(|value| colour(MAGMA, *value, 1.0)).collect(),

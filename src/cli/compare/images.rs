@@ -91,14 +91,16 @@ pub(super) fn compare(
 /// Why two images cannot be compared.
 fn unlike(arguments: &Arguments, a: &Picture, b: &Picture) -> Failure {
     if a.size != b.size {
-        let [a, b] = [a, b].map(|picture| format!("{} x {}", picture.size[0], picture.size[1]));
-        return Failure::usage(format!("the images are not of one size: {a} and {b} pixels"));
+        let [a, b] = [a, b].map(|picture| format!("{} x {} pixels", picture.size[0], picture.size[1]));
+        return Failure::failed("images of different sizes cannot be compared")
+            .hint(format!("{} has {a}", arguments.a.display()))
+            .hint(format!("{} has {b}", arguments.b.display()));
     }
     let of = |picture: &Picture, path: &std::path::Path| {
         let names: Vec<String> = picture.channels.iter().map(|(name, _)| name.clone()).collect();
         picture::listed(&format!("{} has", path.display()), &names)
     };
-    Failure::usage("the images have no channel of one name")
+    Failure::failed("images without a channel of one name cannot be compared")
         .hint(of(a, &arguments.a))
         .hint(of(b, &arguments.b))
 }
@@ -132,7 +134,7 @@ pub(super) fn human(report: &Report) -> String {
                 figure(flip.pixels_per_degree)
             ),
         ),
-        None => table.row("FLIP", "of colours and luminance only, which the images lack"),
+        None => table.row("FLIP", "of colours and luminance only, which these are not"),
     }
     if let Some([a, b]) = found.flip.as_ref().map(|flip| flip.beyond_white).filter(|beyond| *beyond != [0; 2])
     {

@@ -39,32 +39,26 @@ pub(super) fn bytes(picture: &Picture) -> u64 {
     picture.channels.iter().map(|(_, values)| 4 * values.len() as u64).sum()
 }
 
-/// All channels of all parts, or those of one layer. Where there are several parts, their names come before the channels'.
+/// All channels of all parts, or those of one layer, by their whole names. Where there are several parts, their names come
+/// before the channels'.
 fn of_parts(parts: Vec<Part<String>>, layer: Option<&str>, path: &Path) -> Result<Picture, Failure> {
     let several = parts.len() > 1;
     let mut size = None;
     let (mut channels, mut all): (Vec<(String, Vec<f32>)>, Vec<String>) = (Vec::new(), Vec::new());
     for Part { name: part, pixels, channels: found, .. } in parts {
         for (channel, samples) in found {
-            let full = if part.is_empty() || channel.starts_with(&format!("{part}.")) {
-                channel.clone()
-            } else {
+            let name = if several && !part.is_empty() && !channel.starts_with(&format!("{part}.")) {
                 format!("{part}.{channel}")
+            } else {
+                channel.clone()
             };
-            let name = match layer.map(|layer| format!("{layer}.")) {
-                None if several => full.clone(),
-                None => channel,
-                Some(layer) => {
-                    // Of the part, or of a layer within it.
-                    let within = [&full, &channel].into_iter().find_map(|name| name.strip_prefix(&layer));
-                    let Some(name) = within.map(str::to_owned) else {
-                        all.push(full);
-                        continue;
-                    };
-                    name
-                }
-            };
-            all.push(full);
+            all.push(name.clone());
+            // Of the part, or of a layer within it.
+            let is_of =
+                |layer: &str| part == layer || [&name, &channel].iter().any(|name| is_within(name, layer));
+            if layer.is_some_and(|layer| !is_of(layer)) {
+                continue;
+            }
             if *size.get_or_insert(pixels) != pixels {
                 return Err(Failure::usage(format!("the parts of {} are not of one size", path.display()))
                     .hint("choose one of them with --layer"));
@@ -73,13 +67,37 @@ fn of_parts(parts: Vec<Part<String>>, layer: Option<&str>, path: &Path) -> Resul
         }
     }
     let Some(size) = size else {
-        let failure = match layer {
-            Some(layer) => Failure::usage(format!("{} has no layer {layer:?}", path.display())),
-            None => Failure::input(format!("{} holds no channel", path.display())),
+        let Some(layer) = layer.filter(|_| !all.is_empty()) else {
+            return Err(Failure::input(format!("{} holds no channel", path.display())));
         };
-        return Err(if all.is_empty() { failure } else { failure.hint(listed("its channels are", &all)) });
+        let name = path.display();
+        return Err(if all.iter().any(|channel| channel == layer) {
+            Failure::usage(format!("{layer} is a channel of {name}, and no layer"))
+                .hint("without --layer all channels are compared, each by itself too")
+        } else {
+            Failure::usage(format!("{name} has no layer {layer:?}")).hint(layers(&all))
+        });
     };
     Ok(Picture { size, channels, srgb: false })
+}
+
+/// Whether a channel is one of a layer's.
+fn is_within(channel: &str, layer: &str) -> bool {
+    channel.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'))
+}
+
+/// The layers that channels are of, for people.
+fn layers(channels: &[String]) -> String {
+    let mut layers: Vec<String> = Vec::new();
+    for (layer, _) in channels.iter().filter_map(|channel| channel.rsplit_once('.')) {
+        if !layers.iter().any(|known| known == layer) {
+            layers.push(layer.to_owned());
+        }
+    }
+    if layers.is_empty() {
+        return listed("it has no layers, only the channels", channels);
+    }
+    listed("its layers are", &layers)
 }
 
 /// Names for people, those of many cut short.
@@ -158,14 +176,18 @@ mod tests {
     fn channels_go_by_part_and_layer() {
         let one = || vec![part("main", &["B", "G", "R", "z.Y"], [2, 2])];
         assert_eq!(names(one(), None).as_deref(), Ok("B G R z.Y"));
-        assert_eq!(names(one(), Some("z")).as_deref(), Ok("Y"));
+        assert_eq!(names(one(), Some("z")).as_deref(), Ok("z.Y"));
         assert_eq!(names(one(), Some("main")).as_deref(), Ok("B G R z.Y"));
         let two = || vec![part("a", &["R", "a.G"], [2, 2]), part("b", &["R"], [3, 2])];
-        assert_eq!(names(two(), Some("a")).as_deref(), Ok("R G"));
+        assert_eq!(names(two(), Some("a")).as_deref(), Ok("a.R a.G"));
         let unlike = names(two(), None).expect_err("two sizes");
         assert!(unlike.contains("not of one size") && unlike.contains("--layer"), "{unlike}");
         let missing = names(two(), Some("c")).expect_err("no such layer");
-        assert!(missing.contains("no layer \"c\"") && missing.contains("a.R, a.G, b.R"), "{missing}");
+        assert!(missing.contains("no layer \"c\"") && missing.contains("its layers are a, b\n"), "{missing}");
+        let channel = names(one(), Some("R")).expect_err("no layer");
+        assert!(channel.contains("R is a channel of a.exr, and no layer"), "{channel}");
+        let prefix = names(one(), Some("albedo")).expect_err("no layer");
+        assert!(prefix.contains("its layers are z\n"), "{prefix}");
     }
 
     #[test]

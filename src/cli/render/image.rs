@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::cli::Failure;
 use crate::cli::interrupt::{Interrupt, Watched};
-use crate::cli::output::Output;
+use crate::cli::output::{ImageForm, Output};
 use crate::formats::exr::{self, Part, Samples};
 use crate::formats::png;
 use crate::march::Film;
@@ -15,31 +15,17 @@ use crate::march::Film;
 /// Where a picture goes.
 pub(super) struct Target {
     path: PathBuf,
-    form: Form,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Form {
-    Exr,
-    Png,
+    form: ImageForm,
 }
 
 impl Target {
     /// Whether it holds all that is known of every pixel.
     pub(super) fn has_layers(&self) -> bool {
-        self.form == Form::Exr
+        self.form == ImageForm::Exr
     }
 
     pub(super) fn new(path: &Path) -> Result<Target, Failure> {
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-        let form = match extension.as_deref() {
-            Some("exr") => Form::Exr,
-            Some("png") => Form::Png,
-            _ => {
-                let message = format!("the output {} ends in neither .exr nor .png", path.display());
-                return Err(Failure::usage(message));
-            }
-        };
+        let form = ImageForm::of(path, "output")?;
         Ok(Target { path: path.to_owned(), form })
     }
 
@@ -58,10 +44,10 @@ impl Target {
         let mut bytes = Cursor::new(Vec::new());
         let mut exposed = None;
         match self.form {
-            Form::Exr => exr::write(vec![layers(film, background)], &mut bytes).map_err(|error| {
+            ImageForm::Exr => exr::write(vec![layers(film, background)], &mut bytes).map_err(|error| {
                 Failure::failed(format!("cannot write {}", self.path.display())).because(error)
             })?,
-            Form::Png => {
+            ImageForm::Png => {
                 let exposure = exposure.unwrap_or_else(|| film.exposure());
                 exposed = Some(exposure);
                 let pixels = developed.show(exposure);

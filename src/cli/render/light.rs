@@ -30,7 +30,8 @@ pub(super) struct LightOptions {
     /// Of cached shadows: voxels between the rays that they are found by [default: 2]
     #[arg(long, value_name = "VOXELS", value_parser = step, allow_hyphen_values = true)]
     shadow_step: Option<f64>,
-    /// Stop after the pass during which this time is over: how many passes that are depends on the machine
+    /// Stop once this time is over, and give up the pass that is under way then unless it is the first: how many passes that are
+    /// depends on the machine
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     time_limit: Option<Duration>,
     /// Of paths: stop after the pass after which the mean standard error is below this part of the mean luminance
@@ -66,6 +67,11 @@ impl LightOptions {
         Ok(())
     }
 
+    /// Whether it was chosen how shadows are found.
+    pub(super) fn has_shadow(&self) -> bool {
+        self.shadow.is_some() || self.shadow_step.is_some()
+    }
+
     pub(super) fn integrator(&self) -> Integrator {
         match self.integrator {
             Kind::Single => Integrator::Single,
@@ -88,11 +94,15 @@ impl LightOptions {
 
     /// Whether there is enough, so long after the beginning.
     pub(super) fn is_enough(&self, film: &Film, after: Duration) -> bool {
-        let is_late = self.time_limit.is_some_and(|limit| after >= limit);
         let is_clear = self.noise_limit.is_some_and(|limit| {
             film.samples >= LEAST_PASSES && film.noise().is_none_or(|noise| noise <= limit)
         });
-        is_late || is_clear
+        self.is_late(after) || is_clear
+    }
+
+    /// Whether the time is over, so long after the beginning.
+    pub(super) fn is_late(&self, after: Duration) -> bool {
+        self.time_limit.is_some_and(|limit| after >= limit)
     }
 }
 

@@ -14,9 +14,10 @@ use serde::Serialize;
 use super::interrupt::Interrupt;
 use super::job::SceneOptions;
 use super::memory::enough;
+use super::output::Output;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
-use crate::march::{Camera, Entry, Film, Integrator, MOST_LAMPS, Marching, Method, Picture, Quality, Shadow};
+use crate::march::{Camera, Entry, Film, Integrator, Marching, Method, Picture, Quality, Shadow};
 use crate::num::Level;
 use image::Target;
 use light::LightOptions;
@@ -50,9 +51,9 @@ pub(super) struct Arguments {
     /// Extinguish light only: no light is scattered or emitted
     #[arg(long)]
     absorption_only: bool,
-    /// Of a scene: voxels between two steps along a ray, at most
-    #[arg(long, value_name = "VOXELS", value_parser = step, default_value_t = 1.0, allow_hyphen_values = true)]
-    step: f64,
+    /// Of a scene: voxels between two steps along a ray, at most [default: 1]
+    #[arg(long, value_name = "VOXELS", value_parser = step, allow_hyphen_values = true)]
+    step: Option<f64>,
     /// Of a scene: what steps do. `gauss` takes two samples a step and divides it where it is dense; `midpoint` one, in its
     /// middle; `alpha` one at its beginning, and multiplies the transmittance by 1 - density times step
     #[arg(long, value_name = "METHOD")]
@@ -135,6 +136,7 @@ impl Arguments {
     /// The first option that is given and says how rays go through a scene.
     fn marching_option(&self) -> Option<&'static str> {
         [
+            (self.step.is_some(), "--step"),
             (self.method.is_some(), "--method"),
             (self.growth.is_some(), "--growth"),
             (self.entry.is_some(), "--entry"),
@@ -147,6 +149,9 @@ impl Arguments {
 
 /// Pixels along an edge that a coarse picture has one for.
 const COARSE: usize = 4;
+
+/// Beyond this optical depth of a voxel of density 1 a table of shadows is off by a tenth of the light or more.
+const DENSE: f64 = 1.5;
 
 /// Bytes that the program takes besides pixels and what is drawn, and for each pixel while it is found and written.
 const PROCESS: u64 = 16 << 20;
@@ -197,6 +202,7 @@ struct Times {
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let target = Target::new(&arguments.output)?;
     arguments.light.check()?;
+    Output::check(&arguments.output)?;
     let is_file = info::is_vdb(&arguments.file)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
@@ -212,34 +218,20 @@ fn draw(
     global: &Global,
 ) -> Result<Report, Failure> {
     let level = Level::best();
+    let budget = budget(arguments)?;
     let mut clock = Clock { last: Instant::now(), first: Instant::now() };
     let field;
     let drawn = if is_file {
-        Drawn::of_file(arguments)?
+        Drawn::of_file(arguments, budget)?
     } else {
         let (compiled, view) = source::scene(arguments)?;
         field = compiled;
-        Drawn::of_scene(arguments, &field, view)?
+        Drawn::of_scene(arguments, &field, view, budget)?
     };
     let load = clock.lap();
     let view = &drawn.view;
     if drawn.medium.brick_count() == 0 {
         global.note(&format!("{} holds no density: the picture is empty", arguments.file.display()));
-    }
-    if view.optics.lamps.len() > MOST_LAMPS {
-        return Err(Failure::usage(format!(
-            "a picture takes no more than {MOST_LAMPS} suns and points, and there are {}",
-            view.optics.lamps.len()
-        )));
-    }
-    let need = PROCESS + PIXEL * (arguments.size[0] * arguments.size[1]) as u64;
-    if need > arguments.options.budget().bytes() {
-        let [width, height] = arguments.size;
-        let taken = text::bytes(need);
-        let message =
-            format!("a picture of {width} x {height} pixels takes {taken} of memory, and less may be used");
-        return Err(Failure::failed(message)
-            .hint(format!("choose a smaller --size, or allow more with --memory {}", enough(need))));
     }
     let quality = Quality {
         size: arguments.size,
@@ -253,13 +245,18 @@ fn draw(
     let camera = Camera::new(&view.camera, view.bounds, aspect);
     let optics =
         if arguments.absorption_only { view.optics.clone().absorbing() } else { view.optics.clone() };
+    let is_lit = quality.integrator == Integrator::Single && !optics.lamps.is_empty();
+    if is_lit && !arguments.light.has_shadow() && optics.extinction * drawn.medium.grid().cell() > DENSE {
+        global.note(
+            "light is lost within less than the voxels between which shadows are known: see --shadow exact",
+        );
+    }
     let background = match arguments.background {
         Some(Background(colour)) => colour,
         None => view.camera.background,
     };
     let exposure = arguments.exposure.or(view.camera.exposure);
     let write = |film: &Film| target.write(film, background.map(Into::into), exposure, interrupt);
-    interrupt.hold();
     let mut first_picture = None;
     if arguments.progressive {
         let coarse = Quality {
@@ -272,7 +269,8 @@ fn draw(
             ..quality
         };
         let mut picture = Picture::new(&drawn.medium, camera, &optics, coarse, level);
-        picture.sample(|_| {});
+        picture.sample(|_| true);
+        interrupt.hold();
         write(&picture.film().enlarged(quality.size))?;
         first_picture = Some(clock.first.elapsed().as_secs_f64());
         interrupt.check()?;
@@ -280,16 +278,23 @@ fn draw(
     }
     let mut picture = Picture::new(&drawn.medium, camera, &optics, quality, level);
     let prepare = clock.lap();
+    interrupt.hold();
     let mut progress = Progress::new(1, global.quiet);
     progress.begin(picture.tiles() * quality.samples as usize);
     let progress = Mutex::new(progress);
     for sample in 1..=quality.samples {
-        picture.sample(|tiles| {
-            if let Ok(mut progress) = progress.lock() {
+        let is_whole = picture.sample(|tiles| {
+            if tiles > 0
+                && let Ok(mut progress) = progress.lock()
+            {
                 progress.advance(tiles);
             }
+            interrupt.check().is_ok() && (sample == 1 || !arguments.light.is_late(clock.first.elapsed()))
         });
         interrupt.check()?;
+        if !is_whole {
+            break;
+        }
         if arguments.light.is_enough(picture.film(), clock.first.elapsed()) {
             break;
         }
@@ -303,6 +308,12 @@ fn draw(
     }
     let march = clock.lap();
     let film = picture.film();
+    if drawn.medium.brick_count() > 0 && !optics.is_clear && film.depth.iter().all(|depth| *depth <= 0.0) {
+        global.note(&format!("nothing of {} is seen from where the camera is", arguments.file.display()));
+    }
+    if target.has_layers() && film.squares.is_some() && film.samples == 1 {
+        global.note("one sample of each pixel tells nothing of its noise: there is no layer noise.Y");
+    }
     let exposure = write(film)?;
     let write = clock.lap();
     #[allow(clippy::cast_precision_loss, reason = "pictures are far smaller")]
@@ -322,6 +333,19 @@ fn draw(
         peak_rss_bytes: machine::peak_memory(),
         threads: rayon::current_num_threads(),
         simd: level.name(),
+    })
+}
+
+/// What pixels and the program leave of the memory, in bytes.
+fn budget(arguments: &Arguments) -> Result<u64, Failure> {
+    let need = PROCESS + PIXEL * (arguments.size[0] * arguments.size[1]) as u64;
+    arguments.options.budget().bytes().checked_sub(need).ok_or_else(|| {
+        let [width, height] = arguments.size;
+        let taken = text::bytes(need);
+        let message =
+            format!("a picture of {width} x {height} pixels takes {taken} of memory, and less may be used");
+        Failure::failed(message)
+            .hint(format!("choose a smaller --size, or allow more with --memory {}", enough(need)))
     })
 }
 

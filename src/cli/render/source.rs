@@ -63,28 +63,30 @@ fn view_of(compiled: &Compiled) -> View {
 }
 
 impl<'a> Drawn<'a> {
-    /// A scene, evaluated wherever a ray asks.
+    /// A scene, evaluated wherever a ray asks; what it keeps takes no more than `budget` bytes.
     pub(super) fn of_scene(
         arguments: &Arguments,
         field: &'a Field,
         view: View,
+        budget: u64,
     ) -> Result<Drawn<'a>, Failure> {
         let lattice = view.lattice.unwrap_or(Lattice { voxel_size: 1.0 });
-        let budget = arguments.options.budget().bytes();
         let marching = arguments.marching()?;
-        let procedural = Procedural::new(field, lattice, arguments.step, budget).map_err(|error| {
-            Failure::failed(error.to_string()).hint("take a larger --voxel-size, or allow more with --memory")
-        })?;
+        let procedural =
+            Procedural::new(field, lattice, arguments.step.unwrap_or(1.0), budget).map_err(|error| {
+                Failure::failed(error.to_string())
+                    .hint("take a larger --voxel-size, or allow more with --memory")
+            })?;
         Ok(Drawn { medium: Medium::Procedural(procedural.with(marching)), view })
     }
 
-    /// A file's grid.
-    pub(super) fn of_file(arguments: &Arguments) -> Result<Drawn<'a>, Failure> {
+    /// A file's grid, in no more than `budget` bytes.
+    pub(super) fn of_file(arguments: &Arguments, budget: u64) -> Result<Drawn<'a>, Failure> {
         let options = &arguments.options;
         if let Some(option) = options.for_scenes_only().or(arguments.marching_option()) {
             return Err(Failure::usage(format!("{option} has no meaning for a file, only for a scene")));
         }
-        let (path, budget) = (&arguments.file, options.budget().bytes());
+        let path = &arguments.file;
         let failed = |error: VdbReadError| unread(path, error);
         let file = File::open(path)
             .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;

@@ -12,7 +12,7 @@ use super::{Arguments, picture};
 use crate::cli::Failure;
 use crate::cli::frames::Pattern;
 use crate::cli::interrupt::Interrupt;
-use crate::cli::output::save;
+use crate::cli::output::{ImageForm, save};
 use crate::formats::exr::{self, Part, Samples};
 use crate::formats::png;
 use crate::volume::Slicing;
@@ -28,16 +28,10 @@ pub(super) enum Layout {
     Atlas,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Form {
-    Exr,
-    Png,
-}
-
 pub(super) struct Target {
     path: PathBuf,
     layout: Layout,
-    form: Form,
+    form: ImageForm,
     /// What is known of the slices from the beginning.
     about: Option<About>,
     /// Those that cannot be written yet.
@@ -82,16 +76,8 @@ struct Attribute<'a> {
 impl Target {
     pub(super) fn new(arguments: &Arguments) -> Result<Target, Failure> {
         let path = arguments.output.clone();
-        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-        let form = match extension.as_deref() {
-            Some("exr") => Form::Exr,
-            Some("png") => Form::Png,
-            _ => {
-                let message = format!("the output {} ends in neither .exr nor .png", path.display());
-                return Err(Failure::usage(message));
-            }
-        };
-        if form == Form::Exr && arguments.white.is_some() {
+        let form = ImageForm::of(&path, "output")?;
+        if form == ImageForm::Exr && arguments.white.is_some() {
             return Err(Failure::usage("--white has no meaning for .exr, which holds the values themselves"));
         }
         let is_sequence = path.file_name().is_some_and(|name| name.to_string_lossy().contains('#'));
@@ -102,7 +88,7 @@ impl Target {
                 ));
             }
             (true, _) => Layout::Sequence(Pattern::new(&path)?),
-            (false, Form::Exr) if !arguments.atlas => Layout::Parts,
+            (false, ImageForm::Exr) if !arguments.atlas => Layout::Parts,
             (false, _) => Layout::Atlas,
         };
         Ok(Target { path, layout, form, about: None, held: Vec::new(), written: Vec::new() })
@@ -119,7 +105,7 @@ impl Target {
 
     /// Whether slices are written as they come: only a picture must know the largest value first.
     fn streams(&self) -> bool {
-        matches!(self.layout, Layout::Sequence(_)) && self.form == Form::Exr
+        matches!(self.layout, Layout::Sequence(_)) && self.form == ImageForm::Exr
     }
 
     pub(super) fn begin(
@@ -128,7 +114,7 @@ impl Target {
         sliced: &Sliced,
         planes: &[usize],
     ) -> Result<(), Failure> {
-        if self.form == Form::Png && sliced.is_vector {
+        if self.form == ImageForm::Png && sliced.is_vector {
             return Err(Failure::usage(format!("a .png shows numbers, and {} holds vectors", sliced.grid))
                 .hint("write .exr"));
         }
@@ -300,16 +286,16 @@ fn ascii(text: &str) -> String {
 /// Writes a file, whole or not at all.
 fn write(
     path: &Path,
-    form: Form,
+    form: ImageForm,
     pictures: Vec<Picture>,
     white: f32,
     interrupt: &Interrupt,
 ) -> Result<(), Failure> {
     let mut bytes = io::Cursor::new(Vec::new());
     match form {
-        Form::Exr => exr::write(pictures.into_iter().map(part).collect(), &mut bytes)
+        ImageForm::Exr => exr::write(pictures.into_iter().map(part).collect(), &mut bytes)
             .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))?,
-        Form::Png => {
+        ImageForm::Png => {
             for picture in &pictures {
                 let colours = picture::colours(&picture.plane, white).unwrap_or_default();
                 png::write(picture.pixels, &colours, &mut bytes).map_err(|error| {

@@ -333,3 +333,13 @@ fn shipped_scenes_are_valid_and_smooth() {
     }
     assert_eq!(count, 13);
 }
+
+#[test]
+fn directions_may_be_of_any_length() {
+    for length in ["1e-300", "1e-308", "1e9"] {
+        let text = format!("[[light]]\ndirection = [0, 0, {length}]\n");
+        let scene = Scene::parse(&text, "scene.toml").expect("valid");
+        let [Light::Sun { direction, .. }] = scene.lights() else { panic!("no sun") };
+        assert_eq!(direction, &[0.0, 0.0, 1.0]);
+    }
+}

@@ -634,3 +634,16 @@ error: a point light needs a `position`
   | ^^^^^^^^^ expected `position = [x, y, z]`"#;
     assert_eq!(messages(text), expected.trim_start());
 }
+
+#[test]
+fn more_lamps_than_pictures_take() {
+    let lamps = "[[light]]\n[[light]]\nkind = \"ambient\"\n".repeat(8);
+    Scene::parse(&lamps, "scene.toml").expect("eight suns");
+    let expected = r#"
+error: a scene has no more than 8 suns and points
+  --> scene.toml:25:1
+   |
+25 | [[light]]
+   | ^^^^^^^^^ this one is too many, of 9"#;
+    assert_eq!(messages(&format!("{lamps}[[light]]\n")), expected.trim_start());
+}
