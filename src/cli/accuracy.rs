@@ -22,6 +22,9 @@ const FIRST: f64 = 64.0;
 const FEWEST: f64 = 4.0;
 /// Bakes, at most.
 pub(super) const MOST_ROUNDS: u32 = 5;
+/// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
+/// takes 2 KiB then.
+const PLANS: u64 = 32;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
 /// What is aimed at of a file's size, and what is taken.
@@ -29,8 +32,8 @@ const AIM: f64 = 0.96;
 const TAKEN: [f64; 2] = [0.9, 0.99];
 /// What is aimed at of an error after one that was too large, with all that points do not tell.
 const NEXT: f64 = 0.96;
-/// Bytes that the program takes besides plans.
-const PROCESS: u64 = 16 << 20;
+/// Bytes that the program takes besides plans and grids.
+pub(super) const PROCESS: u64 = 16 << 20;
 
 /// How exact a file is to be.
 #[derive(Debug, Args)]
@@ -120,7 +123,7 @@ impl AccuracyOptions {
         let Some(longest) = longest(&scene) else { return Ok(chosen) };
         if let Some(goal) = goal {
             let precision = options.stored();
-            let budget = options.scene.budget().bytes().saturating_sub(PROCESS);
+            let budget = options.scene.budget().bytes().saturating_sub(PROCESS) / PLANS;
             let voxel_size = by_error(&scene, goal, longest, precision, budget, &mut chosen, &stop)?;
             source.set_voxel_size(voxel_size);
             if let Some(most) = most_bytes {
@@ -240,7 +243,7 @@ fn reached(search: &Search) -> String {
 
 fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Failure {
     let failure = Failure::failed(format!(
-        "a {} of {} needs voxels of about {} m, {} along the longest side, which cannot be planned{}",
+        "a {} of {} needs voxels of about {} m, {} along the longest side, too many to bake and to measure in the memory{}",
         goal.metric.name(),
         figure(goal.limit),
         figure(search.next()),

@@ -1,7 +1,7 @@
 //! `vdbake bake`: a scene into an OpenVDB file.
 
 use std::collections::BTreeSet;
-use std::io::{self, Seek};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -317,7 +317,9 @@ fn bake(
     let (mut certificate, mut measuring) = (None, [0.0; 2]);
     if chosen.measures() {
         let begun = clock.read();
-        let found = pool.install(|| certified(job, &output, path, &header, &content, (chosen, round)))?;
+        let held = grid.encoded_bytes() - grid.spooled_bytes() + plan.memory() as u64;
+        let made = certify::Made { job, output: &output, path, header: &header, content: &content, held };
+        let found = pool.install(|| certify::certified(&made, chosen, round))?;
         let ended = clock.read();
         measuring = [0, 1].map(|which| ended[which] - begun[which]);
         let found = match found {
@@ -393,37 +395,6 @@ fn bake(
         certificate_file,
         certificate,
     })))
-}
-
-/// What a file that was written is certified to be, unless it misses what is asked for.
-fn certified(
-    job: &Job,
-    output: &Output,
-    path: &Path,
-    header: &FileHeader,
-    content: &str,
-    (chosen, round): (&Chosen, u32),
-) -> Result<Result<Certificate, Miss>, Failure> {
-    let mut file = output.file();
-    file.rewind().map_err(|error| disk::failure(path, error.into()))?;
-    let budget = job.budget();
-    let tree = certify::density(file, path, budget)?;
-    let (measured, found, _) =
-        certify::measured(&job.scene, job.lattice, tree, job.encoder.precision(), budget)?;
-    let mut reached = None;
-    if let Some(goal) = chosen.goal {
-        // Of nothing nothing is missed.
-        let value = goal.metric.of(&found).unwrap_or(if found.errors.peak == 0.0 {
-            [0.0; 2]
-        } else {
-            [f64::INFINITY; 2]
-        });
-        if value[1] > goal.limit {
-            return Ok(Err(Miss::Error(value)));
-        }
-        reached = certify::reached(chosen, value, round);
-    }
-    certify::certificate(job, header, content, measured, reached).map(Ok)
 }
 
 /// A grid for the plan's bricks within the memory, if there is room for it on the disk. Planning took so many seconds.

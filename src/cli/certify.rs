@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::accuracy::Chosen;
+use super::accuracy::{Chosen, Miss, PROCESS};
 use super::compare::figure;
 use super::job::Job;
 use super::memory::enough;
+use super::output::Output;
 use super::recipe::CREATOR;
 use super::text::{self, Table};
-use super::{Failure, Global};
+use super::{Failure, Global, disk};
 use crate::field::Lattice;
 use crate::formats::vdb::{AnyTree, FileHeader, VdbFile, VdbReadError};
 use crate::report::{Certificate, FieldDifference, Look, Measured, Reached, Residuals, TrialError, measure};
@@ -64,17 +65,21 @@ pub(super) fn entry(certificate: &Certificate) -> Result<String, Failure> {
 
 /// Reads the density of a file that was baked.
 pub(super) fn density(input: impl Read + Seek, path: &Path, budget: u64) -> Result<Tree<f32>, Failure> {
-    let failed = |error: VdbReadError| {
-        let failure = Failure::input(format!("cannot read {}", path.display()));
-        match error {
-            VdbReadError::Memory { .. } => failure.because(error).hint("allow more with --memory"),
-            error => failure.because(error),
+    let name = path.display();
+    read(input, path, budget, Failure::failed(format!("{name} takes too much memory")))
+}
+
+/// The same, with what to say where it is too large.
+fn read(input: impl Read + Seek, path: &Path, budget: u64, large: Failure) -> Result<Tree<f32>, Failure> {
+    let unreadable = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
+    let mut file = VdbFile::open_within(input, budget).map_err(unreadable)?;
+    match file.grid("density").map(|grid| grid.tree) {
+        Ok(AnyTree::Float(tree)) => Ok(tree),
+        Ok(_) => Err(Failure::input(format!("the density of {} is not of single precision", path.display()))),
+        Err(error @ VdbReadError::Memory { .. }) => {
+            Err(large.because(error).hint("allow more with --memory"))
         }
-    };
-    let mut file = VdbFile::open_within(input, budget).map_err(failed)?;
-    match file.grid("density").map_err(failed)?.tree {
-        AnyTree::Float(tree) => Ok(tree),
-        _ => Err(Failure::input(format!("the density of {} is not of single precision", path.display()))),
+        Err(error) => Err(unreadable(error)),
     }
 }
 
@@ -97,8 +102,46 @@ pub(super) fn measured(
     })
 }
 
+/// A file that was written and has no name yet.
+pub(super) struct Made<'a> {
+    pub(super) job: &'a Job,
+    pub(super) output: &'a Output,
+    /// The name that it will have.
+    pub(super) path: &'a Path,
+    pub(super) header: &'a FileHeader,
+    /// The hash of all values.
+    pub(super) content: &'a str,
+    /// Bytes of the memory that its bake holds.
+    pub(super) held: u64,
+}
+
+/// What it is certified to be, unless it misses what is asked for.
+pub(super) fn certified(
+    made: &Made<'_>,
+    chosen: &Chosen,
+    round: u32,
+) -> Result<Result<Certificate, Miss>, Failure> {
+    let Made { job, output, path, header, content, held } = made;
+    let mut file = output.file();
+    file.rewind().map_err(|error| disk::failure(path, error.into()))?;
+    let budget = job.budget().saturating_sub(held + PROCESS);
+    let tree = read(file, path, budget, Failure::failed("the file takes too much memory to be measured"))?;
+    let (measured, found, _) = measured(&job.scene, job.lattice, tree, job.encoder.precision(), budget)?;
+    let mut goal = None;
+    if let Some(asked) = chosen.goal {
+        // Of nothing nothing is missed.
+        let nothing = if found.errors.peak == 0.0 { [0.0; 2] } else { [f64::INFINITY; 2] };
+        let value = asked.metric.of(&found).unwrap_or(nothing);
+        if value[1] > asked.limit {
+            return Ok(Err(Miss::Error(value)));
+        }
+        goal = reached(chosen, value, round);
+    }
+    certificate(job, header, content, measured, goal).map(Ok)
+}
+
 /// The certificate of a file with this header and these values.
-pub(super) fn certificate(
+fn certificate(
     job: &Job,
     header: &FileHeader,
     content: &str,
@@ -128,7 +171,7 @@ pub(super) fn scene_hash(text: &str) -> String {
 }
 
 /// How a goal was met by a file.
-pub(super) fn reached(chosen: &Chosen, [achieved, at_most]: [f64; 2], rounds: u32) -> Option<Reached> {
+fn reached(chosen: &Chosen, [achieved, at_most]: [f64; 2], rounds: u32) -> Option<Reached> {
     chosen.goal.map(|goal| Reached {
         goal,
         achieved,

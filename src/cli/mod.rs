@@ -24,6 +24,7 @@ mod plan;
 mod progress;
 mod recipe;
 mod render;
+mod report;
 mod sample;
 mod slice;
 mod text;
@@ -80,6 +81,8 @@ enum Command {
     Convert(convert::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
+    /// Measure what each accuracy of a scene costs
+    Report(report::Arguments),
     /// Check that an OpenVDB file is what its recipe makes, and its certificate
     Verify(verify::Arguments),
 }
@@ -101,6 +104,7 @@ impl Cli {
             Command::Compare(arguments) => compare::run(arguments, &self.global),
             Command::Convert(arguments) => convert::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
+            Command::Report(arguments) => report::run(arguments, &self.global),
             Command::Verify(arguments) => verify::run(arguments, &self.global),
         }
     }

@@ -28,6 +28,7 @@ mod search;
 mod source;
 mod support;
 mod survey;
+pub mod sweep;
 #[cfg(test)]
 mod tests;
 mod trial;

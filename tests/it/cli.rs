@@ -99,9 +99,14 @@ fn help_lists_the_commands_there_are() {
     let names: Vec<&str> = commands.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(
         names,
-        ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "verify", "help"]
+        [
+            "bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "verify",
+            "help"
+        ]
     );
-    for name in ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "verify"] {
+    for name in
+        ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "verify"]
+    {
         assert_eq!(code(&folder.run(&[name, "--help"])), 0);
     }
 }

@@ -32,6 +32,7 @@ mod path;
 mod reader;
 mod render;
 mod renderers;
+mod report;
 mod rows;
 mod same_bytes;
 mod sample;
