@@ -9,16 +9,19 @@ use clap::Args;
 use cpu_time::ProcessTime;
 use serde::Serialize;
 
+use super::accuracy::{self, AccuracyOptions, Chosen, Miss};
+use super::certify;
 use super::estimate::Planned;
 use super::frames::{self, Pattern};
 use super::interrupt::{Interrupt, Stopped, Watched};
 use super::job::{self, Job, Moment, Options, SamplingError, Source, sampling_errors};
 use super::mass::Mass;
-use super::output::Output;
+use super::output::{Output, save};
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, disk, machine, print, text};
-use crate::formats::vdb::{self, FileHeader, VdbGridBuilder, VdbWriteError};
+use crate::formats::vdb::{self, FileHeader, Meta, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
+use crate::report::Certificate;
 use crate::scene::Scene;
 use crate::volume::{self, LARGEST_F16, Phases, Plan, RestMass, Tally};
 
@@ -32,6 +35,8 @@ pub(super) struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     options: Options,
+    #[command(flatten)]
+    accuracy: AccuracyOptions,
 }
 
 /// What a bake did, as `--json` prints it.
@@ -89,6 +94,12 @@ struct Report {
     sampling_errors: Vec<SamplingError>,
     content_hash: String,
     uuid: String,
+    /// Bakes until the file was what was asked for.
+    rounds: u32,
+    /// Where the certificate is beside the file.
+    certificate_file: Option<String>,
+    /// What was measured; null where nothing was.
+    certificate: Option<Certificate>,
 }
 
 /// Seconds of each phase: by the clock, or of all processors together.
@@ -100,6 +111,8 @@ struct Times {
     evaluate: f64,
     encode: f64,
     write: f64,
+    /// Measuring the file, where that is asked for.
+    measure: f64,
     total: f64,
 }
 
@@ -111,32 +124,38 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
     let mut planning = Some(Planning::new(global.quiet));
-    let source = Source::read(&arguments.scene, &options.scene)?;
+    let mut source = Source::read(&arguments.scene, &options.scene)?;
     let moments = options.moments(&source)?;
     if options.is_sequence() {
         // No frame is begun before the scene is known to be valid in all.
         moments.iter().try_for_each(|moment| source.start.at(moment.time).map(drop))?;
     }
+    let chosen =
+        pool.install(|| arguments.accuracy.choose(&mut source, moments[0], options, || interrupt.check()))?;
     let mut progress = Progress::new(moments.len(), global.quiet);
     let (mut bytes, started) = (0, Instant::now());
     let mut told = BTreeSet::new();
     for (index, moment) in moments.iter().enumerate() {
-        let mut one = || {
+        let mut one = |source: &Source, progress: &mut Progress, round: u32| {
             interrupt.check()?;
-            let job = Job::new(&source, *moment, options)?;
+            let job = Job::new(source, *moment, options)?;
+            if let Some(text) = accuracy::told(job.lattice, &chosen).filter(|_| round == 1) {
+                progress.aside(|| global.note(&text));
+            }
             let plan = pool.install(|| job.plan())?;
             planning = None;
             if told.insert(text::warnings(job.scene.warnings())) {
                 progress.aside(|| global.warn_of(job.scene.warnings()));
             }
-            let report = bake(
+            let baked = bake(
                 &job,
                 &plan,
                 &names.path(&source.start, moment.frame),
                 &Surroundings { global, interrupt: &interrupt, pool: &pool, clock: &clock },
-                &mut progress,
+                (&chosen, round),
+                progress,
             )?;
-            Ok((report, job.dimensions()))
+            Ok(baked.map(|report| (report, job.dimensions())))
         };
         let left = |moments: &[Moment], failure: Failure| match moments {
             [] => failure,
@@ -145,8 +164,22 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
                 failure.leaving(&frames::ranges(&frames))
             }
         };
-        let (report, dimensions) =
-            one().map_err(|failure| left(if index == 0 { &[] } else { &moments[index..] }, failure))?;
+        let not_this = |failure| left(if index == 0 { &[] } else { &moments[index..] }, failure);
+        let mut round = 1;
+        let (report, dimensions) = loop {
+            match one(&source, &mut progress, round).map_err(not_this)? {
+                Ok(done) => break done,
+                Err(miss) if round == accuracy::MOST_ROUNDS => {
+                    return Err(not_this(accuracy::missed(&chosen, miss)));
+                }
+                Err(miss) => {
+                    let voxel_size = accuracy::smaller(&chosen, source.voxel_size(), miss);
+                    source.set_voxel_size(voxel_size);
+                    progress.again();
+                    round += 1;
+                }
+            }
+        };
         bytes += report.bytes;
         progress
             .aside(|| {
@@ -211,14 +244,15 @@ struct Surroundings<'a> {
     clock: &'a Clock,
 }
 
-/// Bakes one file.
+/// Bakes one file, unless it misses what is asked for.
 fn bake(
     job: &Job,
     plan: &Plan,
     path: &Path,
     surroundings: &Surroundings<'_>,
+    (chosen, round): (&Chosen, u32),
     progress: &mut Progress,
-) -> Result<Report, Failure> {
+) -> Result<Result<Box<Report>, Miss>, Failure> {
     let Surroundings { global, interrupt, pool, clock } = surroundings;
     let note = |progress: &Progress, text: &str| {
         let frame = job.settings.frame.map_or_else(String::new, |frame| format!("frame {frame}: "));
@@ -272,19 +306,53 @@ fn bake(
     }
 
     let content = text::hexadecimal(&tally.content_hash);
-    let header = job.file_header(&content)?;
-    let bytes = write(&mut output, job, &header, &grid, interrupt)
-        .map_err(|error| disk::failure(path, error))
-        .or_else(|failure| interrupt.check().and(Err(failure)))?;
-    interrupt.check()?;
+    let mut header = job.file_header(&content)?;
+    let put = |output: &mut Output, header: &FileHeader| {
+        let bytes = write(output, job, header, &grid, interrupt)
+            .map_err(|error| disk::failure(path, error))
+            .or_else(|failure| interrupt.check().and(Err(failure)))?;
+        interrupt.check().map(|()| bytes)
+    };
+    let mut bytes = put(&mut output, &header)?;
+    let (mut certificate, mut measuring) = (None, [0.0; 2]);
+    if chosen.measures() {
+        let begun = clock.read();
+        let held = grid.encoded_bytes() - grid.spooled_bytes() + plan.memory() as u64;
+        let made = certify::Made { job, output: &output, path, header: &header, content: &content, held };
+        let found = pool.install(|| certify::certified(&made, chosen, round))?;
+        let ended = clock.read();
+        measuring = [0, 1].map(|which| ended[which] - begun[which]);
+        let found = match found {
+            Ok(found) => found,
+            Err(miss) => {
+                if let (Miss::Error(value), Some(goal)) = (miss, chosen.goal) {
+                    progress.aside(|| certify::note_of(global, round, goal.metric.name(), value, goal.limit));
+                }
+                return Ok(Err(miss));
+            }
+        };
+        header.metadata.insert(certify::CERTIFICATE.to_owned(), Meta::from(&*certify::entry(&found)?));
+        output.restart().map_err(|error| disk::failure(path, error.into()))?;
+        bytes = put(&mut output, &header)?;
+        certificate = Some(found);
+    }
+    if chosen.most_bytes.is_some_and(|most| bytes > most) {
+        return Ok(Err(Miss::Bytes(bytes)));
+    }
     output
         .publish()
         .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))?;
+    let mut certificate_file = None;
+    if let Some(certificate) = &certificate {
+        let beside = certify::beside(path);
+        save(&beside, &certify::document(certificate, job.scene.text())?, interrupt)?;
+        certificate_file = Some(beside.display().to_string());
+    }
     let written = clock.read();
 
     let stats = grid.stats();
-    let [seconds, cpu_seconds] = times([planned, evaluated, written], phases);
-    Ok(Report {
+    let [seconds, cpu_seconds] = times([planned, evaluated, written], measuring, phases);
+    Ok(Ok(Box::new(Report {
         output: path.display().to_string(),
         scene: job.scene.name().to_owned(),
         frame: job.settings.frame,
@@ -323,7 +391,10 @@ fn bake(
         sampling_errors: sampling_errors(&job.scene),
         content_hash: content,
         uuid: header.uuid.to_string(),
-    })
+        rounds: round,
+        certificate_file,
+        certificate,
+    })))
 }
 
 /// A grid for the plan's bricks within the memory, if there is room for it on the disk. Planning took so many seconds.
@@ -403,7 +474,7 @@ impl Clock {
 }
 
 /// Times by the clock and of all processors, from readings at the end of planning, of evaluation and of all.
-fn times([planned, evaluated, written]: [Reading; 3], phases: Phases) -> [Times; 2] {
+fn times([planned, evaluated, written]: [Reading; 3], measuring: Reading, phases: Phases) -> [Times; 2] {
     let encode = phases.encode + phases.append;
     let both = phases.evaluate + encode;
     let share = if both > 0.0 { phases.evaluate / both } else { 1.0 };
@@ -412,7 +483,8 @@ fn times([planned, evaluated, written]: [Reading; 3], phases: Phases) -> [Times;
         plan: planned[which],
         evaluate,
         encode,
-        write: written[which] - evaluated[which],
+        write: written[which] - evaluated[which] - measuring[which],
+        measure: measuring[which],
         total: written[which],
     };
     [times(0, share * baking, (1.0 - share) * baking), times(1, phases.evaluate, encode)]
@@ -466,6 +538,9 @@ fn human(report: &Report, dimensions: [u64; 3], explain: bool) -> String {
         ),
     );
     table.row("mass", report.mass.line());
+    if let Some(certificate) = &report.certificate {
+        certify::show(certificate, &mut table);
+    }
     if let Some(peak) = report.peak_rss_bytes {
         let spooled = match report.spooled_bytes {
             0 => String::new(),

@@ -121,6 +121,14 @@ impl Options {
         self.frames.is_some()
     }
 
+    /// How values are stored.
+    pub(super) fn stored(&self) -> Precision {
+        match self.precision {
+            Width::F32 => Precision::F32,
+            Width::F16 => Precision::F16,
+        }
+    }
+
     /// The moments of a scene that are asked for: its frames, or one time.
     pub(super) fn moments(&self, source: &Source) -> Result<Vec<Moment>, Failure> {
         let time = source.start.time();
@@ -164,6 +172,16 @@ impl Source {
         };
         let lattice = Lattice { voxel_size: voxel_size(step, &start)? };
         Ok(Source { start, lattice, resident: OnceLock::new() })
+    }
+
+    /// Metres.
+    pub(super) fn voxel_size(&self) -> f64 {
+        self.lattice.voxel_size
+    }
+
+    /// Settles another voxel size, in metres.
+    pub(super) fn set_voxel_size(&mut self, voxel_size: f64) {
+        self.lattice = Lattice { voxel_size };
     }
 
     /// Compiles the scene for a time.
@@ -213,10 +231,7 @@ impl Job {
             Codec::Zip => Compression::Zip,
             Codec::None => Compression::None,
         };
-        let precision = match options.precision {
-            Width::F32 => Precision::F32,
-            Width::F16 => Precision::F16,
-        };
+        let precision = options.stored();
         let encoder = Encoder::new(compression).with_precision(precision);
         let settings = Settings {
             grids: ["density"],

@@ -3,7 +3,9 @@
 //! Results go to standard output, as text or with `--json` as one object; progress, notes and errors go to standard
 //! error. [`Failure::exit_code`] lists the exit codes.
 
+mod accuracy;
 mod bake;
+mod certify;
 mod compare;
 mod convert;
 mod disk;
@@ -22,9 +24,11 @@ mod plan;
 mod progress;
 mod recipe;
 mod render;
+mod report;
 mod sample;
 mod slice;
 mod text;
+mod verify;
 
 use std::io::{self, BufWriter, Write};
 use std::num::NonZeroUsize;
@@ -77,6 +81,10 @@ enum Command {
     Convert(convert::Arguments),
     /// Tell what is in a scene or an OpenVDB file
     Info(info::Arguments),
+    /// Measure what each accuracy of a scene costs
+    Report(report::Arguments),
+    /// Check that an OpenVDB file is what its recipe makes, and its certificate
+    Verify(verify::Arguments),
 }
 
 impl Cli {
@@ -96,6 +104,8 @@ impl Cli {
             Command::Compare(arguments) => compare::run(arguments, &self.global),
             Command::Convert(arguments) => convert::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
+            Command::Report(arguments) => report::run(arguments, &self.global),
+            Command::Verify(arguments) => verify::run(arguments, &self.global),
         }
     }
 }

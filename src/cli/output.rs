@@ -1,7 +1,7 @@
 //! A file that appears whole or not at all.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -91,6 +91,12 @@ impl Output {
     /// What to write to.
     pub(super) fn file(&self) -> &File {
         self.temporary.as_file()
+    }
+
+    /// Forgets what was written.
+    pub(super) fn restart(&self) -> io::Result<()> {
+        self.file().set_len(0)?;
+        self.file().rewind()
     }
 
     /// Makes sure of what was written.

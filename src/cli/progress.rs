@@ -90,6 +90,11 @@ impl Progress {
         }
     }
 
+    /// What was done of the present part is to be done again.
+    pub(super) fn again(&mut self) {
+        self.begun = self.begun.saturating_sub(1);
+    }
+
     /// Some more steps are done.
     pub(super) fn advance(&mut self, steps: usize) {
         self.done += steps;

@@ -9,7 +9,7 @@ use crate::formats::vdb::{Compression, Meta, Metadata, Precision};
 use crate::scene::{Antialias, Input};
 
 /// The program and its version.
-const CREATOR: &str = concat!("vdbake ", env!("CARGO_PKG_VERSION"));
+pub(super) const CREATOR: &str = concat!("vdbake ", env!("CARGO_PKG_VERSION"));
 
 /// All settings that the bytes of a file depend on besides the scene's text, after defaults and overrides.
 #[derive(Debug, Clone, Serialize)]

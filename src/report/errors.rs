@@ -1,12 +1,12 @@
 //! Differences of paired values.
 
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::random::below;
 
 /// A difference, as it is and as a part of what it is a difference of.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Scaled {
     /// In the values' own unit.
     pub absolute: f64,
@@ -27,7 +27,7 @@ impl Scaled {
 }
 
 /// How values b differ from values a.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Errors {
     /// Pairs that were compared.
     pub pairs: u64,
@@ -108,12 +108,14 @@ fn percentile(values: &mut [f64]) -> f64 {
 }
 
 /// Intervals that hold a mean over space with a probability of 95 %, as far as the points tell.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Intervals {
     /// Of the mean of |b - a|.
     pub l1: [f64; 2],
     /// Of the root mean square of b - a.
     pub l2: [f64; 2],
+    /// Of that over the root mean square of a; null where a is 0 all over.
+    pub relative_l2: Option<[f64; 2]>,
     /// Of the mean of b - a.
     pub bias: [f64; 2],
     /// Of the mean of a, and of b.
@@ -134,11 +136,11 @@ const TAIL: usize = DRAWS / 40;
 /// give taken. `None` without any finite pair.
 pub fn intervals(a: &[f64], b: &[f64]) -> Option<Intervals> {
     const STREAM: u64 = 0x626f_6f74;
-    let mut groups = vec![[0.0_f64; 6]; GROUPS.min(a.len())];
+    let mut groups = vec![[0.0_f64; 7]; GROUPS.min(a.len())];
     for (n, (a, b)) in a.iter().zip(b).enumerate() {
         if a.is_finite() && b.is_finite() {
             let (place, difference) = (n % GROUPS, b - a);
-            let terms = [1.0, difference.abs(), difference * difference, difference, *a, *b];
+            let terms = [1.0, difference.abs(), difference * difference, difference, *a, *b, a * a];
             for (sum, term) in groups[place].iter_mut().zip(terms) {
                 *sum += term;
             }
@@ -149,7 +151,7 @@ pub fn intervals(a: &[f64], b: &[f64]) -> Option<Intervals> {
         return None;
     }
     let draw = |draw: usize| {
-        let mut sums = [0.0; 6];
+        let mut sums = [0.0; 7];
         for n in 0..groups.len() {
             let group = &groups[below(STREAM, (draw * GROUPS + n) as u64, groups.len())];
             for (sum, term) in sums.iter_mut().zip(group) {
@@ -157,20 +159,22 @@ pub fn intervals(a: &[f64], b: &[f64]) -> Option<Intervals> {
             }
         }
         let [count, rest @ ..] = sums;
-        let [l1, square, bias, a, b] = rest.map(|sum| sum / count);
-        [l1, square.sqrt(), bias, a, b, b / a]
+        let [l1, square, bias, a, b, own] = rest.map(|sum| sum / count);
+        [l1, square.sqrt(), bias, a, b, b / a, (square / own).sqrt()]
     };
-    let draws: Vec<[f64; 6]> = (0..DRAWS).into_par_iter().map(draw).collect();
+    let draws: Vec<[f64; 7]> = (0..DRAWS).into_par_iter().map(draw).collect();
     let interval = |of: usize| {
         let mut values: Vec<f64> = draws.iter().map(|draw| draw[of]).collect();
         values.sort_unstable_by(f64::total_cmp);
         [values[TAIL], values[DRAWS - 1 - TAIL]]
     };
+    let relative = interval(6);
     let mean = [interval(3), interval(4)];
     let certain = mean[0][0] > 0.0 || mean[0][1] < 0.0;
     Some(Intervals {
         l1: interval(0),
         l2: interval(1),
+        relative_l2: relative.iter().all(|end| end.is_finite()).then_some(relative),
         bias: interval(2),
         mean,
         ratio: certain.then(|| interval(5)),

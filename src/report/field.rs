@@ -1,9 +1,10 @@
 //! Two fields of numbers beside each other.
 
-use serde::Serialize;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::errors::{Errors, Intervals, Scaled, intervals};
-use super::ray::chords;
+use super::ray::{Chord, chords};
 use super::source::Source;
 use super::support::{Spread, spread};
 use super::voxels::{VoxelDifference, voxel_by_voxel};
@@ -41,7 +42,7 @@ pub struct FieldDifference {
 }
 
 /// Integrals over the union of both supports, in the values' unit times metres^3.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mass {
     /// Of a and of b.
     pub of: [f64; 2],
@@ -54,7 +55,7 @@ pub struct Mass {
 }
 
 /// Integrals along rays, in the values' unit times metres.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Depth {
     /// Rays.
     pub rays: u64,
@@ -76,11 +77,35 @@ pub struct Depth {
 /// through every so-manieth of these points, in all directions alike, cut to the box around the union, and, where both are grids
 /// of one lattice, voxel by voxel. All places are the same at every run.
 pub fn compare(a: &dyn Source, b: &dyn Source, places: Places) -> FieldDifference {
-    let Spread { points, volume } = spread(a.support(), b.support(), places.points);
-    let [of_a, of_b] = [a, b].map(|source| source.values(&points));
+    compare_at(a, b, &spread(a.support(), b.support(), places.points), places.rays).0
+}
+
+/// What two fields are at the places where they were compared.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Residuals {
+    /// Points of the world, in metres.
+    pub points: Vec<DVec3>,
+    /// The first field's values there, and the second's.
+    pub values: [Vec<f64>; 2],
+    /// Rays.
+    pub chords: Vec<Chord>,
+    /// Integrals along them, of the first and of the second.
+    pub depths: [Vec<f64>; 2],
+}
+
+/// The same at given points, and along up to `rays` rays through them; with the values themselves.
+pub fn compare_at(
+    a: &dyn Source,
+    b: &dyn Source,
+    places: &Spread,
+    rays: usize,
+) -> (FieldDifference, Residuals) {
+    let Spread { points, volume } = places;
+    let volume = *volume;
+    let [of_a, of_b] = [a, b].map(|source| source.values(points));
     let errors = Errors::new(of_a.iter().copied().zip(of_b.iter().copied()), None);
     let intervals = intervals(&of_a, &of_b);
-    let pairs = || of_a.iter().zip(&of_b).zip(&points);
+    let pairs = || of_a.iter().zip(&of_b).zip(points);
     let finite = |a: f64, b: f64| a.is_finite() && b.is_finite();
     let worst = pairs()
         .filter(|((a, b), _)| finite(**a, **b))
@@ -93,16 +118,16 @@ pub fn compare(a: &dyn Source, b: &dyn Source, places: Places) -> FieldDifferenc
         (Some([low, high]), Some([l, h])) => Some([low.min(l), high.max(h)]),
         (one, other) => one.or(other),
     };
-    let chords = bounds.map_or_else(Vec::new, |bounds| chords(bounds, &points, places.rays));
+    let chords = bounds.map_or_else(Vec::new, |bounds| chords(bounds, points, rays));
     let [along_a, along_b] = [a, b].map(|source| source.depths(&chords));
-    let along = Errors::new(along_a.into_iter().zip(along_b), None);
+    let along = Errors::new(along_a.iter().copied().zip(along_b.iter().copied()), None);
 
     let same = a.support().shares_lattice(b.support());
     let voxels = match (a.voxels(), b.voxels()) {
         (Some(x), Some(y)) if same => Some(voxel_by_voxel(x, y, a.support().voxel_volume())),
         _ => None,
     };
-    FieldDifference {
+    let found = FieldDifference {
         points: points.len() as u64,
         volume,
         mass: mass([&of_a, &of_b], volume, intervals.as_ref()),
@@ -120,7 +145,10 @@ pub fn compare(a: &dyn Source, b: &dyn Source, places: Places) -> FieldDifferenc
         },
         voxels,
         errors,
-    }
+    };
+    let residuals =
+        Residuals { points: points.clone(), values: [of_a, of_b], chords, depths: [along_a, along_b] };
+    (found, residuals)
 }
 
 /// From the mean over points at which both are finite.

@@ -21,11 +21,10 @@
 use std::ops::Range;
 
 use cpu_time::ThreadTime;
-use sha2::{Digest, Sha256};
-use twox_hash::XxHash3_128;
 
 use super::antialias::Antialias;
 use super::dispatch::{activate, evaluate_block};
+use super::hash::{BrickHash, ContentHash};
 use super::pipeline::{AHEAD, in_order};
 use super::{Brick, Encode, Plan, Sink, Total};
 use crate::field::kernel::{Counts, Places, Scratch};
@@ -73,7 +72,7 @@ pub struct Tally {
     pub beyond_focal_voxels: u64,
     /// Sum of all stored values: the same for any number of threads, since runs are, and are added in file order.
     pub total: Total,
-    /// Over all active bricks in file order: see [`bake`].
+    /// Over all active bricks in file order: a [`ContentHash`].
     pub content_hash: [u8; 32],
 }
 
@@ -81,9 +80,7 @@ pub struct Tally {
 ///
 /// A voxel is active where its density is above `cutoff`; others are 0. Values are then rounded to the sink's precision,
 /// which may leave an active voxel with a value at or below the cutoff. `progress` is called with the number of bricks
-/// done since the last call. The content hash is SHA-256 over, brick by brick, the XXH3 of 128 bits (in its canonical
-/// form) of the origin (three `i32`), the mask (eight `u64`) and all 512 rounded values (`f32`), little-endian: a tenth of
-/// what SHA-256 of the values would take. It tells damage, not forgery.
+/// done since the last call. The content hash is a [`ContentHash`].
 ///
 /// What is held at once is bounded: at most [`IN_FLIGHT`] bricks a thread are encoded and not yet in the sink.
 ///
@@ -98,7 +95,7 @@ pub fn bake<S: Sink>(
     sink: &mut S,
     mut progress: impl FnMut(usize) + Send,
 ) -> Result<(Tally, Phases), S::Error> {
-    let (mut tally, mut phases, mut hash) = (Tally::default(), Phases::default(), Sha256::new());
+    let (mut tally, mut phases, mut hash) = (Tally::default(), Phases::default(), ContentHash::default());
     let (cutoff, encoder) = (single(cutoff), sink.encoder());
     let bricks = |run: usize| run * RUN..plan.bricks().min((run + 1) * RUN);
     in_order(
@@ -119,7 +116,7 @@ pub fn bake<S: Sink>(
             phases.evaluate += done.evaluate;
             phases.encode += done.encode;
             for digest in &done.digests {
-                hash.update(digest);
+                hash.push(digest);
             }
             tally.total.add(&done.total);
             sink.append(done.run)?;
@@ -128,7 +125,7 @@ pub fn bake<S: Sink>(
             Ok(())
         },
     )?;
-    tally.content_hash = hash.finalize().into();
+    tally.content_hash = hash.finish();
     Ok((tally, phases))
 }
 
@@ -142,7 +139,7 @@ struct Done<Run> {
     /// Bricks that were evaluated.
     bricks: usize,
     run: Run,
-    digests: Vec<[u8; 16]>,
+    digests: Vec<BrickHash>,
     total: Total,
     active: u64,
     antialiased: u64,
@@ -217,26 +214,11 @@ impl Worker {
         done.evaluate = started.elapsed().as_secs_f64();
         let evaluated = ThreadTime::now();
         for brick in &self.bricks {
-            done.digests.push(digest(brick));
+            done.digests.push(BrickHash::new(brick));
             done.total.add_brick(brick);
             encoder.encode(brick, &mut done.run);
         }
         done.encode = evaluated.elapsed().as_secs_f64();
         done
     }
-}
-
-fn digest(brick: &Brick) -> [u8; 16] {
-    let mut bytes = [0_u8; 12 + 64 + 4 * VOXELS];
-    let numbers = brick.origin.iter().map(|i| i.to_le_bytes());
-    for (to, from) in bytes.chunks_exact_mut(4).zip(numbers) {
-        to.copy_from_slice(&from);
-    }
-    for (to, from) in bytes[12..76].chunks_exact_mut(8).zip(brick.mask) {
-        to.copy_from_slice(&from.to_le_bytes());
-    }
-    for (to, from) in bytes[76..].chunks_exact_mut(4).zip(brick.values) {
-        to.copy_from_slice(&from.to_le_bytes());
-    }
-    XxHash3_128::oneshot(&bytes).to_be_bytes()
 }

@@ -259,8 +259,12 @@ impl Plan {
         }))
     }
 
-    /// These bricks of the plan.
-    fn part(&self, bricks: impl Iterator<Item = usize>) -> Plan {
+    /// A plan of some of these bricks, by their numbers in rising order.
+    ///
+    /// # Panics
+    ///
+    /// Where there is no brick of a number.
+    pub fn part(&self, bricks: impl Iterator<Item = usize>) -> Plan {
         let cover = self.cover.clone();
         let mut part = Plan { cover, bricks: vec![], candidates: vec![], edges: vec![], ..*self };
         for index in bricks {

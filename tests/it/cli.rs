@@ -97,8 +97,16 @@ fn help_lists_the_commands_there_are() {
     let help = text(&output);
     let commands = help.split("Commands:").nth(1).and_then(|rest| rest.split("\n\n").next()).expect("a list");
     let names: Vec<&str> = commands.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(names, ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "help"]);
-    for name in ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info"] {
+    assert_eq!(
+        names,
+        [
+            "bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "verify",
+            "help"
+        ]
+    );
+    for name in
+        ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "verify"]
+    {
         assert_eq!(code(&folder.run(&[name, "--help"])), 0);
     }
 }

@@ -1,6 +1,7 @@
 //! What is tested from outside the library: the program, its files in other programs, the shape of the source.
 //! One binary, so that it is linked once.
 
+mod accuracy;
 mod animation;
 mod antialias;
 mod cli;
@@ -31,6 +32,7 @@ mod path;
 mod reader;
 mod render;
 mod renderers;
+mod report;
 mod rows;
 mod same_bytes;
 mod sample;

@@ -126,7 +126,7 @@ pub(crate) fn judge(variable: &str) -> Command {
     Command::new(program)
 }
 
-fn script<'a>(python: &'a mut Command, name: &str) -> &'a mut Command {
+pub(crate) fn script<'a>(python: &'a mut Command, name: &str) -> &'a mut Command {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/oracle").join(name);
     python.env("PYTHONDONTWRITEBYTECODE", "1").arg(path)
 }

@@ -212,7 +212,7 @@ impl Arguments {
 }
 
 /// Four significant digits, in a few letters.
-fn figure(x: f64) -> String {
+pub(super) fn figure(x: f64) -> String {
     if x == 0.0 || (1e-3..1e6).contains(&x.abs()) { text::short(x) } else { format!("{x:.3e}") }
 }
 

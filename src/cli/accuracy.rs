@@ -1,0 +1,397 @@
+//! A voxel size from an error, or from a file's size.
+
+use clap::{Args, ValueEnum};
+
+use super::compare::figure;
+use super::job::{Job, Moment, Options, Source, bounds};
+use super::memory::Amount;
+use super::{Failure, text};
+use crate::field::{Field, Lattice};
+use crate::formats::vdb::{VdbGridBuilder, VdbWriteError};
+use crate::num::Level;
+use crate::report::{Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError};
+use crate::scene::{Caps, Pattern, Radial, Scene};
+use crate::volume::{self, Filter, Plan, PlanError, Precision};
+
+/// Points and rays of a pilot.
+const POINTS: usize = 30_000;
+const RAYS: usize = 200;
+const STREAM: u64 = 0x7069_6c6f;
+/// Voxels along the longest side that pilots begin with, and the fewest that are taken.
+const FIRST: f64 = 64.0;
+const FEWEST: f64 = 4.0;
+/// Bakes, at most.
+pub(super) const MOST_ROUNDS: u32 = 5;
+/// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
+/// takes 2 KiB then.
+const PLANS: u64 = 32;
+/// Bricks of which a file's size is foretold.
+const SAMPLE: usize = 4096;
+/// What is aimed at of a file's size, and what is taken.
+const AIM: f64 = 0.96;
+const TAKEN: [f64; 2] = [0.9, 0.99];
+/// What is aimed at of an error after one that was too large, with all that points do not tell.
+const NEXT: f64 = 0.96;
+/// Bytes that the program takes besides plans and grids.
+pub(super) const PROCESS: u64 = 16 << 20;
+
+/// How exact a file is to be.
+#[derive(Debug, Args)]
+pub(super) struct AccuracyOptions {
+    /// The largest error that the file may have, relative, such as 0.01: finds the largest voxel that meets it, bakes, measures
+    /// what was baked, and certifies it
+    #[arg(long, value_name = "E", value_parser = limit, conflicts_with_all = ["voxel_size", "resolution", "frames"],
+        allow_negative_numbers = true)]
+    max_error: Option<f64>,
+    /// What that error is [default: l2]
+    #[arg(long, value_enum, value_name = "METRIC", requires = "max_error")]
+    error_metric: Option<MetricName>,
+    /// The most bytes that the file may take, such as 200MB: the smallest voxels with which it does not take more; with
+    /// --max-error, a bake that would is refused
+    #[arg(long, value_name = "SIZE", conflicts_with_all = ["voxel_size", "resolution", "frames"],
+        allow_negative_numbers = true)]
+    max_bytes: Option<Amount>,
+    /// Measure the file's error against the scene's definition, and keep it in the file's metadata, and beside it as
+    /// NAME.certificate.json
+    #[arg(long)]
+    certify: bool,
+}
+
+/// See [`Metric`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum MetricName {
+    /// Root mean square of the difference over that of the density
+    L2,
+    /// The largest difference over the density's peak
+    Max,
+    /// Root mean square of the difference of optical depths over that of the density's
+    OpticalDepth,
+    /// How far the mass is off, as a part of it
+    Mass,
+}
+
+fn limit(text: &str) -> Result<f64, String> {
+    let limit = text.parse().ok().filter(|limit: &f64| (1e-7..1.0).contains(limit));
+    limit.ok_or_else(|| "expected a part above 0 and below 1, at least 1e-7".to_owned())
+}
+
+/// What was chosen, and how.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Chosen {
+    pub(super) goal: Option<Goal>,
+    pub(super) most_bytes: Option<u64>,
+    pub(super) certify: bool,
+    /// With which the error falls, at the finest pilots.
+    pub(super) order: Option<f64>,
+    pub(super) pilots: Vec<Step>,
+}
+
+impl Chosen {
+    /// Whether the file is to be measured.
+    pub(super) fn measures(&self) -> bool {
+        self.certify || self.goal.is_some()
+    }
+}
+
+/// Why a file is not what was asked for.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Miss {
+    /// The error, and what it may be.
+    Error([f64; 2]),
+    Bytes(u64),
+}
+
+impl AccuracyOptions {
+    /// Finds the voxel size, where it is asked for, and gives it to the source.
+    pub(super) fn choose(
+        &self,
+        source: &mut Source,
+        moment: Moment,
+        options: &Options,
+        stop: impl Fn() -> Result<(), Failure>,
+    ) -> Result<Chosen, Failure> {
+        let metric = match self.error_metric.unwrap_or(MetricName::L2) {
+            MetricName::L2 => Metric::L2,
+            MetricName::Max => Metric::Max,
+            MetricName::OpticalDepth => Metric::OpticalDepth,
+            MetricName::Mass => Metric::Mass,
+        };
+        let goal = self.max_error.map(|limit| Goal { metric, limit });
+        let most_bytes = self.max_bytes.map(Amount::bytes);
+        let mut chosen = Chosen { goal, most_bytes, certify: self.certify, ..Chosen::default() };
+        let scene = source.start.at(moment.time)?;
+        let Some(longest) = longest(&scene) else { return Ok(chosen) };
+        if let Some(goal) = goal {
+            let precision = options.stored();
+            let budget = options.scene.budget().bytes().saturating_sub(PROCESS) / PLANS;
+            let voxel_size = by_error(&scene, goal, longest, precision, budget, &mut chosen, &stop)?;
+            source.set_voxel_size(voxel_size);
+            if let Some(most) = most_bytes {
+                let bytes = about(&Job::new(source, moment, options)?)?;
+                if bytes > most {
+                    let message = format!(
+                        "a {} of {} takes a file of about {}, and {} are allowed",
+                        goal.metric.name(),
+                        figure(goal.limit),
+                        text::bytes(bytes),
+                        text::bytes(most)
+                    );
+                    return Err(Failure::failed(message).hint(
+                        "allow a larger --max-error or --max-bytes, or store half precision with --precision f16",
+                    ));
+                }
+            }
+        } else if let Some(most) = most_bytes {
+            by_bytes(source, moment, options, longest, most, &stop)?;
+        }
+        Ok(chosen)
+    }
+}
+
+/// A smaller voxel after a bake that missed what was asked for.
+pub(super) fn smaller(chosen: &Chosen, voxel_size: f64, miss: Miss) -> f64 {
+    let factor = match (miss, chosen.goal) {
+        (Miss::Error([_, at_most]), Some(goal)) => {
+            libm::pow(NEXT * goal.limit / at_most, 1.0 / chosen.order.unwrap_or(1.0).clamp(0.5, 3.0))
+                .clamp(0.5, 0.98)
+        }
+        (Miss::Bytes(bytes), _) => {
+            #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+            let over = bytes as f64 / (AIM * chosen.most_bytes.unwrap_or(bytes).max(1) as f64);
+            libm::cbrt(over).max(1.01)
+        }
+        _ => 0.9,
+    };
+    voxel_size * factor
+}
+
+/// What to say where no bake was good enough.
+pub(super) fn missed(chosen: &Chosen, miss: Miss) -> Failure {
+    match miss {
+        Miss::Error([achieved, at_most]) => {
+            let goal = chosen.goal.unwrap_or(Goal { metric: Metric::L2, limit: 0.0 });
+            Failure::failed(format!(
+                "after {MOST_ROUNDS} bakes the {} is {}, at most {} as far as points tell, and {} is asked for",
+                goal.metric.name(),
+                figure(achieved),
+                figure(at_most),
+                figure(goal.limit)
+            ))
+            .hint("allow a larger --max-error, or choose another --error-metric")
+        }
+        Miss::Bytes(bytes) => Failure::failed(format!(
+            "the file takes {}, and no more than {} are allowed",
+            text::bytes(bytes),
+            text::bytes(chosen.most_bytes.unwrap_or_default())
+        ))
+        .hint("allow more with --max-bytes"),
+    }
+}
+
+/// The longest side of a scene's density, metres; `None` where there is none.
+fn longest(scene: &Scene) -> Option<f64> {
+    let [lo, hi] = bounds(&Field::compile(scene))?;
+    let longest = [0, 1, 2].map(|axis| hi[axis] - lo[axis]).into_iter().fold(0.0, f64::max);
+    (longest > 0.0).then_some(longest)
+}
+
+fn by_error(
+    scene: &Scene,
+    goal: Goal,
+    longest: f64,
+    precision: Precision,
+    budget: u64,
+    chosen: &mut Chosen,
+    stop: &impl Fn() -> Result<(), Failure>,
+) -> Result<f64, Failure> {
+    let look = Look { points: POINTS, rays: RAYS, stream: STREAM, filter: Filter::Trilinear, precision };
+    let survey = Survey::new(scene, look, budget);
+    let mut search = Search::new(goal.limit, longest / FIRST, longest / FEWEST);
+    let outcome = loop {
+        stop()?;
+        let error = match survey.error(search.next(), goal.metric) {
+            Ok(error) => error,
+            Err(TrialError::Plan(error)) => return Err(unplanned(goal, &search, longest, error)),
+            Err(error) => return Err(Failure::failed("cannot try a voxel size").because(error)),
+        };
+        if let Some(outcome) = search.add(error) {
+            break outcome;
+        }
+    };
+    chosen.order = search.order().map(|order| order.order);
+    chosen.pilots = search.steps().to_vec();
+    match outcome {
+        Outcome::Found(voxel_size) => Ok(voxel_size),
+        Outcome::Slow { order, voxel_size } => Err(slow(&survey, goal, &search, longest, order, voxel_size)),
+        Outcome::Lost => Err(Failure::failed(format!(
+            "no voxel size was found with a {} of {}, in {}",
+            goal.metric.name(),
+            figure(goal.limit),
+            text::number(search.steps().len() as u64, "trial")
+        ))
+        .hint("allow a larger --max-error, or choose another --error-metric")),
+    }
+}
+
+/// What the finest voxels reached.
+fn reached(search: &Search) -> String {
+    let finest = search.steps().iter().min_by(|a, b| a.voxel_size.total_cmp(&b.voxel_size));
+    finest.map_or_else(String::new, |step| {
+        format!(": at {} m it is {}", figure(step.voxel_size), figure(step.error))
+    })
+}
+
+fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Failure {
+    let failure = Failure::failed(format!(
+        "a {} of {} needs voxels of about {} m, {} along the longest side, too many to bake and to measure in the memory{}",
+        goal.metric.name(),
+        figure(goal.limit),
+        figure(search.next()),
+        figure((longest / search.next()).ceil()),
+        reached(search),
+    ))
+    .because(error);
+    match error {
+        PlanError::TooMany { .. } => failure.hint("allow more with --memory, or a larger --max-error"),
+        PlanError::IndexRange { .. } | PlanError::TooWide => failure.hint("allow a larger --max-error"),
+    }
+}
+
+/// Of an error that does not fall as it should, with what there is in the scene that makes it so.
+fn slow(
+    survey: &Survey<'_>,
+    goal: Goal,
+    search: &Search,
+    longest: f64,
+    order: f64,
+    voxel_size: f64,
+) -> Failure {
+    let failure = Failure::failed(format!(
+        "the {} falls only with the power {order:.2} of the voxel size{}; {} would take voxels of about {} m, {} along the longest side",
+        goal.metric.name(),
+        reached(search),
+        figure(goal.limit),
+        figure(voxel_size),
+        figure((longest / voxel_size).ceil()),
+    ));
+    let mut hints = edges(survey.pilot().scene());
+    let last = search.steps().last().map_or(voxel_size, |step| step.voxel_size);
+    if hints.is_empty()
+        && let Ok(parts) = survey.parts(last)
+        && parts.model.rms > parts.interpolation.rms
+    {
+        hints.push(
+            "octaves are finer than the voxels: fewer octaves, or a smaller gain, take less".to_owned(),
+        );
+    }
+    if hints.is_empty() {
+        hints.push("the density has kinks or steps, where voxels are slow to follow".to_owned());
+    }
+    hints.push(match goal.metric {
+        Metric::L2 => {
+            "else allow a larger --max-error, or ask for --error-metric mass or optical-depth, which edges matter less to".to_owned()
+        }
+        _ => "else allow a larger --max-error, or choose another --error-metric".to_owned(),
+    });
+    hints.into_iter().fold(failure, Failure::hint)
+}
+
+/// What in a scene makes edges, and what to change.
+fn edges(scene: &Scene) -> Vec<String> {
+    let mut hints = Vec::new();
+    for tube in scene.tubes() {
+        let name = text::tidy(&tube.name);
+        match tube.radial {
+            Radial::Hard => hints.push(format!(
+                "tube \"{name}\" has a hard edge: envelope.radial = \"smooth\", or the width of a soft edge such as 0.3, softens it"
+            )),
+            Radial::Edge(width) if width < 0.2 => hints.push(format!(
+                "tube \"{name}\" has a narrow edge: a larger envelope.radial than {width} softens it"
+            )),
+            _ => {}
+        }
+        if tube.caps == Caps::Flat && !tube.curve.is_closed() {
+            hints.push(format!("tube \"{name}\" has flat ends: caps = \"fade\" softens them"));
+        }
+        if tube.layers.iter().any(|layer| matches!(layer.pattern, Pattern::Sectors)) {
+            hints.push(format!("tube \"{name}\" has sectors, between which the density jumps"));
+        }
+    }
+    hints
+}
+
+/// About the bytes of a job's file: the same at every run.
+fn about(job: &Job) -> Result<u64, Failure> {
+    let plan = job.plan()?;
+    let empty = job.empty_file()?;
+    let sample = plan.sample(SAMPLE);
+    let bytes = bytes_of(job, &sample)
+        .map_err(|error| Failure::failed("cannot foretell the file's size").because(error))?;
+    let part = u128::from(bytes) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
+    Ok(empty.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
+}
+
+/// Bytes that the bricks of a plan take in a file.
+fn bytes_of(job: &Job, plan: &Plan) -> Result<u64, VdbWriteError> {
+    let mut grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
+    volume::bake(&job.field, plan, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})?;
+    Ok(grid.encoded_bytes() + 64 * grid.stats().leaves)
+}
+
+fn by_bytes(
+    source: &mut Source,
+    moment: Moment,
+    options: &Options,
+    longest: f64,
+    most: u64,
+    stop: &impl Fn() -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    const TRIALS: usize = 12;
+    let mut tried: Vec<[f64; 2]> = Vec::new();
+    let mut voxel_size = longest / FIRST;
+    for _ in 0..TRIALS {
+        stop()?;
+        source.set_voxel_size(voxel_size);
+        let bytes = about(&Job::new(source, moment, options)?)?;
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let [bytes, most] = [bytes as f64, most as f64];
+        if (TAKEN[0] * most..=TAKEN[1] * most).contains(&bytes) {
+            return Ok(());
+        }
+        tried.push([voxel_size, bytes]);
+        let last: Vec<[f64; 2]> = tried.iter().rev().take(2).copied().collect();
+        let order = Order::fit(&last).map_or(-3.0, |fit| fit.order).clamp(-3.5, -1.0);
+        voxel_size *= libm::pow(AIM * most / bytes, 1.0 / order).clamp(0.1, 10.0);
+        if voxel_size > longest {
+            break;
+        }
+    }
+    // The smallest voxel that takes no more.
+    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+    let fits = tried.iter().filter(|[_, bytes]| *bytes <= TAKEN[1] * most as f64);
+    match fits.map(|[size, _]| *size).min_by(f64::total_cmp) {
+        Some(size) => {
+            source.set_voxel_size(size);
+            Ok(())
+        }
+        None => Err(Failure::failed(format!(
+            "no file of at most {} shows anything of the scene",
+            text::bytes(most)
+        ))
+        .hint("allow more with --max-bytes")),
+    }
+}
+
+/// The lattice's voxel size, in words for notes.
+pub(super) fn told(lattice: Lattice, chosen: &Chosen) -> Option<String> {
+    let goal = chosen.goal?;
+    let order =
+        chosen.order.map_or_else(String::new, |order| format!(", where it falls with the power {order:.2}"));
+    Some(format!(
+        "voxels of {} m are tried for a {} of {}, after {}{order}",
+        figure(lattice.voxel_size),
+        goal.metric.name(),
+        figure(goal.limit),
+        text::number(chosen.pilots.len() as u64, "pilot"),
+    ))
+}

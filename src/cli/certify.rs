@@ -1,0 +1,240 @@
+//! What a file is measured to be, in it and beside it.
+
+use std::io::{Read, Seek};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::accuracy::{Chosen, Miss, PROCESS};
+use super::compare::figure;
+use super::job::Job;
+use super::memory::enough;
+use super::output::Output;
+use super::recipe::CREATOR;
+use super::text::{self, Table};
+use super::{Failure, Global, disk};
+use crate::field::Lattice;
+use crate::formats::vdb::{AnyTree, FileHeader, VdbFile, VdbReadError};
+use crate::report::{Certificate, FieldDifference, Look, Measured, Reached, Residuals, TrialError, measure};
+use crate::scene::Scene;
+use crate::volume::{Filter, Precision, Tree};
+
+/// Metadata that holds the certificate.
+pub(super) const CERTIFICATE: &str = "vdbake_certificate";
+/// Of its form.
+pub(super) const VERSION: u32 = 1;
+/// Other points than those that a voxel size is chosen by.
+pub(super) const STREAM: u64 = 0x6365_7274;
+const POINTS: usize = 60_000;
+const RAYS: usize = 500;
+const TRUTH: &str = "the scene's definition in double precision: no octave faded, nothing widened";
+
+/// What a certificate looks at.
+pub(super) fn look(precision: Precision) -> Look {
+    Look { points: POINTS, rays: RAYS, stream: STREAM, filter: Filter::Trilinear, precision }
+}
+
+/// The file beside another that holds its certificate.
+pub(super) fn beside(path: &Path) -> PathBuf {
+    path.with_extension("certificate.json")
+}
+
+/// What is written beside a file.
+#[derive(Debug, Serialize)]
+struct Beside<'a> {
+    #[serde(flatten)]
+    certificate: &'a Certificate,
+    /// The scene's text.
+    scene: &'a str,
+}
+
+/// The certificate as a file of its own.
+pub(super) fn document(certificate: &Certificate, scene: &str) -> Result<Vec<u8>, Failure> {
+    let mut bytes = serde_json::to_vec_pretty(&Beside { certificate, scene })
+        .map_err(|error| Failure::failed("cannot write the certificate").because(error))?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+/// As it is in the file itself.
+pub(super) fn entry(certificate: &Certificate) -> Result<String, Failure> {
+    serde_json::to_string(certificate)
+        .map_err(|error| Failure::failed("cannot write the certificate").because(error))
+}
+
+/// Reads the density of a file that was baked.
+pub(super) fn density(input: impl Read + Seek, path: &Path, budget: u64) -> Result<Tree<f32>, Failure> {
+    let name = path.display();
+    read(input, path, budget, Failure::failed(format!("{name} takes too much memory")))
+}
+
+/// The same, with what to say where it is too large.
+fn read(input: impl Read + Seek, path: &Path, budget: u64, large: Failure) -> Result<Tree<f32>, Failure> {
+    let unreadable = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
+    let mut file = VdbFile::open_within(input, budget).map_err(unreadable)?;
+    match file.grid("density").map(|grid| grid.tree) {
+        Ok(AnyTree::Float(tree)) => Ok(tree),
+        Ok(_) => Err(Failure::input(format!("the density of {} is not of single precision", path.display()))),
+        Err(error @ VdbReadError::Memory { .. }) => {
+            Err(large.because(error).hint("allow more with --memory"))
+        }
+        Err(error) => Err(unreadable(error)),
+    }
+}
+
+/// Measures a tree against the scene that it was baked from.
+pub(super) fn measured(
+    scene: &Scene,
+    lattice: Lattice,
+    tree: Tree<f32>,
+    precision: Precision,
+    budget: u64,
+) -> Result<(Measured, FieldDifference, Residuals), Failure> {
+    measure(scene, lattice, tree, look(precision), budget).map_err(|error| {
+        let failure = Failure::failed("cannot measure the file");
+        match error {
+            TrialError::Plan(_) => {
+                failure.because(error).hint(format!("allow more with --memory {}", enough(2 * budget)))
+            }
+            error => failure.because(error),
+        }
+    })
+}
+
+/// A file that was written and has no name yet.
+pub(super) struct Made<'a> {
+    pub(super) job: &'a Job,
+    pub(super) output: &'a Output,
+    /// The name that it will have.
+    pub(super) path: &'a Path,
+    pub(super) header: &'a FileHeader,
+    /// The hash of all values.
+    pub(super) content: &'a str,
+    /// Bytes of the memory that its bake holds.
+    pub(super) held: u64,
+}
+
+/// What it is certified to be, unless it misses what is asked for.
+pub(super) fn certified(
+    made: &Made<'_>,
+    chosen: &Chosen,
+    round: u32,
+) -> Result<Result<Certificate, Miss>, Failure> {
+    let Made { job, output, path, header, content, held } = made;
+    let mut file = output.file();
+    file.rewind().map_err(|error| disk::failure(path, error.into()))?;
+    let budget = job.budget().saturating_sub(held + PROCESS);
+    let tree = read(file, path, budget, Failure::failed("the file takes too much memory to be measured"))?;
+    let (measured, found, _) = measured(&job.scene, job.lattice, tree, job.encoder.precision(), budget)?;
+    let mut goal = None;
+    if let Some(asked) = chosen.goal {
+        // Of nothing nothing is missed.
+        let nothing = if found.errors.peak == 0.0 { [0.0; 2] } else { [f64::INFINITY; 2] };
+        let value = asked.metric.of(&found).unwrap_or(nothing);
+        if value[1] > asked.limit {
+            return Ok(Err(Miss::Error(value)));
+        }
+        goal = reached(chosen, value, round);
+    }
+    certificate(job, header, content, measured, goal).map(Ok)
+}
+
+/// The certificate of a file with this header and these values.
+fn certificate(
+    job: &Job,
+    header: &FileHeader,
+    content: &str,
+    measured: Measured,
+    goal: Option<Reached>,
+) -> Result<Certificate, Failure> {
+    let settings = serde_json::to_value(&job.settings)
+        .map_err(|error| Failure::failed("cannot describe the settings").because(error))?;
+    Ok(Certificate {
+        version: VERSION,
+        creator: CREATOR.to_owned(),
+        scene_sha256: scene_hash(job.scene.text()),
+        settings,
+        content_hash: content.to_owned(),
+        uuid: header.uuid.to_string(),
+        truth: TRUTH.to_owned(),
+        filter: "trilinear".to_owned(),
+        stream: STREAM,
+        goal,
+        measured,
+    })
+}
+
+/// SHA-256 of a text, in hexadecimal.
+pub(super) fn scene_hash(text: &str) -> String {
+    text::hexadecimal(&Sha256::digest(text.as_bytes()))
+}
+
+/// How a goal was met by a file.
+fn reached(chosen: &Chosen, [achieved, at_most]: [f64; 2], rounds: u32) -> Option<Reached> {
+    chosen.goal.map(|goal| Reached {
+        goal,
+        achieved,
+        at_most,
+        order: chosen.order,
+        rounds,
+        pilots: chosen.pilots.clone(),
+    })
+}
+
+/// In a few lines.
+pub(super) fn show(certificate: &Certificate, table: &mut Table) {
+    let Certificate { goal, measured, .. } = certificate;
+    if let Some(reached) = goal {
+        let bakes = text::number(reached.rounds.into(), "bake");
+        table.row(
+            "error",
+            format!(
+                "{} of {}, at most {} asked for, in {bakes}",
+                reached.goal.metric.name(),
+                figure(reached.achieved),
+                figure(reached.goal.limit)
+            ),
+        );
+    }
+    let part = |part: Option<f64>| part.map_or_else(|| "-".to_owned(), figure);
+    let errors = &measured.errors;
+    let held = measured
+        .intervals
+        .as_ref()
+        .and_then(|held| held.relative_l2)
+        .map_or_else(String::new, |[low, high]| format!(" ({} to {})", figure(low), figure(high)));
+    table.row(
+        "measured",
+        format!(
+            "relative L2 {}{held}, largest {} of the peak, optical depth {}, mass {}",
+            part(errors.l2.of_rms),
+            part(errors.max.of_peak),
+            part(measured.optical_depth.l2.of_rms),
+            part(measured.mass.ratio.map(|ratio| ratio - 1.0)),
+        ),
+    );
+    let parts = &measured.parts;
+    table.row(
+        "of that",
+        format!(
+            "{} interpolation, {} model, {} quantisation, {} rounding",
+            part(parts.interpolation.of_truth),
+            part(parts.model.of_truth),
+            part(parts.quantisation.of_truth),
+            part(parts.rounding.of_truth),
+        ),
+    );
+    if let Some(reason) = &parts.reason {
+        table.row("", reason);
+    }
+}
+
+/// Tells that a certificate's own error does not matter less than it should.
+pub(super) fn note_of(global: &Global, round: u32, metric: &str, [_, at_most]: [f64; 2], limit: f64) {
+    global.note(&format!(
+        "bake {round} may have a {metric} of {}, more than {}: once more with smaller voxels",
+        figure(at_most),
+        figure(limit)
+    ));
+}

@@ -1,0 +1,190 @@
+//! `vdbake report`: what each accuracy of a scene costs.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+
+use super::compare::figure;
+use super::interrupt::Interrupt;
+use super::job::{Compiled, SceneOptions, Source};
+use super::output::save;
+use super::progress::Progress;
+use super::sample::unplanned;
+use super::{Failure, Global, text};
+use crate::report::TrialError;
+use crate::report::sweep::{Effort, Kind, Report, Row, sweep};
+
+/// Bytes that the program takes besides plans.
+const PROCESS: u64 = 16 << 20;
+/// Steps of progress.
+const FINENESS: f64 = 1000.0;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// The scene to report on
+    scene: PathBuf,
+    /// Where to write, by the ending: .json holds all figures, .csv a line for each setting
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Seconds after which nothing more is begun; what there was no time for is listed
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value_t = 60.0, allow_negative_numbers = true)]
+    time_limit: f64,
+    /// Times that each is repeated, after a first that does not count
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100), default_value = "5",
+        allow_negative_numbers = true)]
+    repeats: u8,
+    /// Points at which bakes are held against the scene's definition
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1000..=10_000_000),
+        default_value = "40000", allow_negative_numbers = true)]
+    points: u32,
+    /// Pixels of pictures
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "320x180")]
+    size: [usize; 2],
+    #[command(flatten)]
+    options: SceneOptions,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (1.0..=1e6).contains(seconds));
+    seconds.ok_or_else(|| "expected seconds from 1 to 1e6".to_owned())
+}
+
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let edge = |text: &str| text.parse().ok().filter(|edge| (8..=4096).contains(edge));
+    let (width, height) = text.split_once('x').unwrap_or((text, ""));
+    match (edge(width), edge(height)) {
+        (Some(width), Some(height)) => Ok([width, height]),
+        _ => Err("expected a width and a height from 8 to 4096, such as 320x180".to_owned()),
+    }
+}
+
+/// What is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Json,
+    Csv,
+}
+
+impl Form {
+    fn of(path: &Path) -> Result<Form, Failure> {
+        let named =
+            |name: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(name));
+        match (named("json"), named("csv")) {
+            (true, _) => Ok(Form::Json),
+            (_, true) => Ok(Form::Csv),
+            _ => Err(Failure::usage(format!("the output {} ends in neither .json nor .csv", path.display()))),
+        }
+    }
+}
+
+/// Reports.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let form = Form::of(&arguments.output)?;
+    let interrupt = Interrupt::listen()?;
+    let pool = global.pool()?;
+    let report = pool.install(|| measure(arguments, global, &interrupt))?;
+    interrupt.check()?;
+    let bytes = match form {
+        Form::Csv => report.to_csv().into_bytes(),
+        Form::Json => serde_json::to_vec_pretty(&report)
+            .map_err(|error| Failure::failed("cannot write the report").because(error))?,
+    };
+    save(&arguments.output, &bytes, &interrupt)?;
+    global.show(&report, |report| human(report, &arguments.output))
+}
+
+fn measure(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Result<Report, Failure> {
+    let options = &arguments.options;
+    let Compiled { scene, lattice, .. } = Source::read(&arguments.scene, options)?.compile(options.time())?;
+    global.warn_of(scene.warnings());
+    let effort = Effort {
+        time: Duration::from_secs_f64(arguments.time_limit),
+        repeats: arguments.repeats.into(),
+        points: arguments.points as usize,
+        rays: 500,
+        size: arguments.size,
+        budget: options.budget().bytes().saturating_sub(PROCESS),
+    };
+    let mut progress = Progress::new(1, global.quiet);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a constant")]
+    progress.begin(FINENESS as usize);
+    let mut shown = 0;
+    interrupt.hold();
+    let mut done = |part: f64, _: &str| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 1")]
+        let steps = (part * FINENESS) as usize;
+        progress.advance(steps.saturating_sub(shown));
+        shown = shown.max(steps);
+        interrupt.check().is_ok()
+    };
+    sweep(&scene, lattice, effort, &mut done).map_err(|error| match error {
+        TrialError::Plan(error) => unplanned(error),
+        error => Failure::failed("cannot measure the scene").because(error),
+    })
+}
+
+fn human(report: &Report, output: &Path) -> String {
+    let mut table = text::Table::default();
+    table.heading(format!(
+        "{}  {} of {} in {}",
+        output.display(),
+        text::number(report.rows.len() as u64, "row"),
+        text::tidy(&report.scene),
+        text::seconds(report.seconds)
+    ));
+    let processor = report.machine.processor.as_deref().unwrap_or("an unknown processor");
+    table.row(
+        "on",
+        format!(
+            "{}, {}, {}",
+            text::tidy(processor),
+            text::number(report.machine.threads as u64, "thread"),
+            report.machine.simd
+        ),
+    );
+    let orders: Vec<String> = (report.orders.iter())
+        .map(|order| {
+            let off = order.measured.uncertainty.map_or_else(String::new, |off| format!(" +- {off:.2}"));
+            let [name, power] = [order.metric, order.filter];
+            format!("{power} {name}: {:.2}{off}, {} if all were smooth", order.measured.order, order.theory)
+        })
+        .collect();
+    table.rows("orders", &orders, "unknown");
+    for (name, kind) in [("bakes", Kind::Bake), ("pictures", Kind::Picture)] {
+        let mut front: Vec<&Row> =
+            report.rows.iter().filter(|row| row.on_front && row.kind == kind).collect();
+        front.sort_by(|a, b| error(a).total_cmp(&error(b)));
+        let lines: Vec<String> = front.into_iter().map(line).collect();
+        table.rows(name, &lines, "none");
+    }
+    if let Some(pays) = &report.pays_after {
+        let frames = pays.frames.map_or_else(
+            || "a frame through voxels is no faster than through the scene itself".to_owned(),
+            |frames| format!("after {}", frame_count(frames)),
+        );
+        table.row("a bake pays", frames);
+    }
+    if !report.left_out.is_empty() {
+        table.rows("no time for", &report.left_out, "");
+    }
+    table.finish()
+}
+
+/// Whole frames.
+fn frame_count(frames: f64) -> String {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "above 0, and saturating")]
+    let frames = frames.ceil().max(1.0) as u64;
+    text::number(frames, "frame")
+}
+
+fn error(row: &Row) -> f64 {
+    row.level().map_or(f64::INFINITY, |level| level.error)
+}
+
+/// A row of a front.
+fn line(row: &Row) -> String {
+    let time = row.cost.total.map_or_else(String::new, |total| text::seconds(total.median));
+    let bytes = row.cost.bytes.map_or_else(String::new, |bytes| format!(", {}", text::bytes(bytes)));
+    format!("{}  {time}{bytes}  {}", figure(error(row)), row.label)
+}

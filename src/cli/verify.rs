@@ -1,0 +1,390 @@
+//! `vdbake verify`: whether a file is what its recipe makes.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::interrupt::Interrupt;
+use super::job::load_scene;
+use super::memory::Amount;
+use super::output::save;
+use super::recipe::{CREATOR, antialias_name};
+use super::{Failure, Global, certify, text};
+use crate::field::{Field, Lattice};
+use crate::formats::npy::{self, Array, Values};
+use crate::formats::vdb::{Meta, Metadata, VdbFile, VdbReadError};
+use crate::report::{Certificate, Measured, Rederived, Residuals, content_hash, rederive};
+use crate::scene::Scene;
+use crate::scene::limit::{ANY, POSITIVE};
+use crate::volume::{Plan, Precision, Tree};
+
+/// Bytes that the program takes besides the grid and the plan.
+const PROCESS: u64 = 16 << 20;
+/// Figures of a certificate are the same on every run, but for what JSON keeps of them.
+const SAME: f64 = 1e-9;
+
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// An OpenVDB file that was baked
+    file: PathBuf,
+    /// Bricks that are baked again, at random places that are the same on every run; `all` of them
+    #[arg(long, value_name = "N", value_parser = bricks, default_value = "256", allow_negative_numbers = true)]
+    bricks: usize,
+    /// Where the files are that the scene names [default: the file's folder]
+    #[arg(long, value_name = "FOLDER")]
+    inputs: Option<PathBuf>,
+    /// Write the points, rays and residuals that a certificate rests on into this folder, as .npy
+    #[arg(long, value_name = "FOLDER")]
+    export: Option<PathBuf>,
+    /// Memory for the grid and the plan, such as 500MB or 2GiB [default: three quarters of the machine's]
+    #[arg(long, value_name = "SIZE", allow_negative_numbers = true)]
+    memory: Option<Amount>,
+}
+
+fn bricks(text: &str) -> Result<usize, String> {
+    if text == "all" {
+        return Ok(usize::MAX);
+    }
+    text.parse().map_err(|_| "expected a number of bricks, or `all`".to_owned())
+}
+
+/// What a file's metadata say that it was baked with.
+#[derive(Debug, Clone, Deserialize)]
+struct Recipe {
+    voxel_size: f64,
+    time: f64,
+    precision: String,
+    cutoff: f64,
+    octave_fade: bool,
+    widen: bool,
+    antialias: String,
+}
+
+/// A file that the scene names.
+#[derive(Debug, Deserialize)]
+struct Named {
+    path: String,
+    sha256: String,
+}
+
+/// What was found, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Report {
+    file: String,
+    creator: String,
+    content_hash: Check,
+    /// Of bricks that were baked again.
+    bricks: u64,
+    bricks_that_differ: u64,
+    /// The first voxel of one of these.
+    first_brick: Option<[i32; 3]>,
+    /// The first voxel of a leaf where the scene can have no density.
+    outside: Option<[i32; 3]>,
+    /// Null where there is none.
+    certificate: Option<Certified>,
+    /// Files that were written.
+    exported: Vec<String>,
+    holds: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Check {
+    stated: String,
+    found: String,
+    holds: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Certified {
+    /// What is wrong with it.
+    faults: Vec<String>,
+    /// Measured again.
+    measured: Measured,
+    holds: bool,
+}
+
+/// Verifies.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let interrupt = Interrupt::listen()?;
+    let pool = global.pool()?;
+    let report = pool.install(|| verify(arguments, global, &interrupt))?;
+    global.show(&report, human)?;
+    if report.holds {
+        return Ok(());
+    }
+    Err(Failure::check(format!(
+        "{} is not what its recipe makes, or its certificate does not hold",
+        report.file
+    )))
+}
+
+fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Result<Report, Failure> {
+    let path = &arguments.file;
+    let budget = arguments.memory.unwrap_or_else(Amount::installed).bytes().saturating_sub(PROCESS);
+    let metadata = metadata(path, budget)?;
+    let text = |name: &str| match metadata.get(name) {
+        Some(Meta::String(text)) => Ok(text.as_str()),
+        _ => Err(Failure::input(format!(
+            "{} carries no {name}: it was not baked by this program",
+            path.display()
+        ))),
+    };
+    let creator = text("creator").unwrap_or_default().to_owned();
+    if creator != CREATOR {
+        global.note(&format!("the file is by {}, and this is {CREATOR}", text::tidy(&creator)));
+    }
+    let damaged = |what: &str| Failure::input(format!("the {what} in {} make no sense", path.display()));
+    let recipe: Recipe =
+        serde_json::from_str(text("vdbake_settings")?).map_err(|error| damaged("settings").because(error))?;
+    let precision = match recipe.precision.as_str() {
+        "f32" => Precision::F32,
+        "f16" => Precision::F16,
+        _ => return Err(damaged("settings")),
+    };
+    if !POSITIVE.admits(recipe.voxel_size) || !ANY.admits(recipe.time) {
+        return Err(damaged("settings"));
+    }
+    let scene = scene(arguments, text("vdbake_scene")?, text("vdbake_inputs").ok())?.at(recipe.time)?;
+    let lattice = Lattice { voxel_size: recipe.voxel_size };
+    let tree = read(path, budget)?;
+
+    let stated = text("vdbake_content_hash")?.to_owned();
+    let found = text::hexadecimal(&content_hash(&tree));
+    let content = Check { holds: stated == found, stated, found };
+    interrupt.check()?;
+
+    let mut field = Field::compile(&scene);
+    field.widen(lattice);
+    let plan = Plan::new(&field, lattice, budget).map_err(|error| {
+        Failure::failed("the bricks cannot be planned").because(error).hint("allow more with --memory")
+    })?;
+    let Rederived { bricks, differ, first, outside } =
+        rederive(&tree, &field, &plan, scene.bake().cutoff, precision, arguments.bricks);
+    interrupt.check()?;
+
+    let certificate = text(certify::CERTIFICATE).ok();
+    let mut exported = Vec::new();
+    let certified = if certificate.is_some() || arguments.export.is_some() {
+        let (measured, _, residuals) = certify::measured(&scene, lattice, tree, precision, budget)?;
+        if let Some(folder) = &arguments.export {
+            exported = export(folder, &residuals, interrupt)?;
+        }
+        certificate.map(|text| certified(text, measured, &scene, &content, &metadata))
+    } else {
+        None
+    };
+    let holds = content.holds
+        && differ == 0
+        && outside.is_none()
+        && same_settings(&recipe, &scene)
+        && certified.as_ref().is_none_or(|certified| certified.holds);
+    Ok(Report {
+        file: path.display().to_string(),
+        creator,
+        content_hash: content,
+        bricks,
+        bricks_that_differ: differ,
+        first_brick: first,
+        outside,
+        certificate: certified,
+        exported,
+        holds,
+    })
+}
+
+/// Whether the settings are those of the scene's text.
+fn same_settings(recipe: &Recipe, scene: &Scene) -> bool {
+    let bake = scene.bake();
+    recipe.cutoff == bake.cutoff
+        && recipe.octave_fade == bake.octave_fade
+        && recipe.widen == bake.widen
+        && recipe.antialias == antialias_name(bake.antialias)
+}
+
+fn open(path: &Path) -> Result<File, Failure> {
+    File::open(path).map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))
+}
+
+fn metadata(path: &Path, budget: u64) -> Result<Metadata, Failure> {
+    let failed =
+        |error: VdbReadError| Failure::input(format!("cannot read {}", path.display())).because(error);
+    Ok(VdbFile::open_within(open(path)?, budget).map_err(failed)?.info().metadata.clone())
+}
+
+fn read(path: &Path, budget: u64) -> Result<Tree<f32>, Failure> {
+    certify::density(open(path)?, path, budget)
+}
+
+/// The scene of a file, with the files that it names, which must be those that it was baked with.
+fn scene(arguments: &Arguments, text: &str, inputs: Option<&str>) -> Result<Scene, Failure> {
+    let folder = match &arguments.inputs {
+        Some(folder) => folder.clone(),
+        None => arguments.file.parent().unwrap_or(Path::new("")).to_owned(),
+    };
+    // Named as the file, in the folder where what it names is.
+    let name = arguments.file.file_name().unwrap_or_default();
+    let scene = load_scene(text, &folder.join(name))?;
+    let named: Vec<Named> = match inputs {
+        None => vec![],
+        Some(inputs) => serde_json::from_str(inputs)
+            .map_err(|error| Failure::input("the list of the scene's files makes no sense").because(error))?,
+    };
+    for input in scene.inputs() {
+        let same =
+            |named: &&Named| named.path == input.path && named.sha256 == text::hexadecimal(&input.sha256);
+        if !named.iter().any(|named| same(&named)) {
+            return Err(Failure::check(format!(
+                "{} is not the file that the scene was baked with",
+                folder.join(&input.path).display()
+            ))
+            .hint("--inputs names the folder of the right one"));
+        }
+    }
+    Ok(scene)
+}
+
+/// What there is to say of a certificate.
+fn certified(
+    text: &str,
+    measured: Measured,
+    scene: &Scene,
+    content: &Check,
+    metadata: &Metadata,
+) -> Certified {
+    let mut faults = Vec::new();
+    match serde_json::from_str::<Certificate>(text) {
+        Err(error) => faults.push(format!("it makes no sense: {error}")),
+        Ok(certificate) => {
+            if certificate.version != certify::VERSION {
+                faults.push(format!(
+                    "it is of version {}, and this is {}",
+                    certificate.version,
+                    certify::VERSION
+                ));
+            }
+            if certificate.content_hash != content.found {
+                faults.push("it is of other values".to_owned());
+            }
+            if certificate.scene_sha256 != certify::scene_hash(scene.text()) {
+                faults.push("it is of another scene".to_owned());
+            }
+            let settings = match metadata.get("vdbake_settings") {
+                Some(Meta::String(text)) => serde_json::from_str::<serde_json::Value>(text).ok(),
+                _ => None,
+            };
+            if settings.is_none_or(|settings| !same_numbers(&settings, &certificate.settings)) {
+                faults.push("it is of other settings".to_owned());
+            }
+            faults.extend(differences(&certificate.measured, &measured));
+        }
+    }
+    Certified { holds: faults.is_empty(), faults, measured }
+}
+
+/// Whether JSON values are equal but for the last digits of numbers.
+fn same_numbers(a: &serde_json::Value, b: &serde_json::Value) -> bool {
+    use serde_json::Value;
+    match (a, b) {
+        (Value::Number(a), Value::Number(b)) => near(a.as_f64().unwrap_or(0.0), b.as_f64().unwrap_or(0.0)),
+        (Value::Array(a), Value::Array(b)) => {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same_numbers(a, b))
+        }
+        (Value::Object(a), Value::Object(b)) => {
+            a.len() == b.len() && a.iter().all(|(key, a)| b.get(key).is_some_and(|b| same_numbers(a, b)))
+        }
+        (a, b) => a == b,
+    }
+}
+
+fn near(a: f64, b: f64) -> bool {
+    a == b || (a - b).abs() <= SAME * a.abs().max(b.abs())
+}
+
+/// Figures that are not as certified.
+fn differences(stated: &Measured, found: &Measured) -> Vec<String> {
+    let figures = |measured: &Measured| {
+        let (errors, depth) = (&measured.errors, &measured.optical_depth);
+        [
+            ("L1", errors.l1.absolute),
+            ("L2", errors.l2.absolute),
+            ("largest error", errors.max.absolute),
+            ("99.9 percentile", errors.p999.absolute),
+            ("bias", errors.bias.absolute),
+            ("optical depth", depth.l2.absolute),
+            ("mass", measured.mass.of[1]),
+        ]
+    };
+    (figures(stated).into_iter().zip(figures(found)))
+        .filter(|((_, stated), (_, found))| !near(*stated, *found))
+        .map(|((name, stated), (_, found))| format!("{name}: {stated} is stated, and {found} was measured"))
+        .collect()
+}
+
+/// Writes what statistics are made from.
+fn export(folder: &Path, residuals: &Residuals, interrupt: &Interrupt) -> Result<Vec<String>, Failure> {
+    std::fs::create_dir_all(folder)
+        .map_err(|error| Failure::failed(format!("cannot make {}", folder.display())).because(error))?;
+    let Residuals { points, values: [truth, values], chords, depths: [true_depths, depths] } = residuals;
+    let vectors = |points: &[DVec3]| points.iter().flat_map(DVec3::to_array).collect::<Vec<f64>>();
+    let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| b - a).collect::<Vec<f64>>();
+    let rays = (chords.iter())
+        .flat_map(|chord| {
+            [chord.origin.to_array(), chord.direction.to_array()].concat().into_iter().chain(chord.range)
+        })
+        .collect();
+    let arrays = [
+        ("points", vec![points.len(), 3], vectors(points)),
+        ("truth", vec![truth.len()], truth.clone()),
+        ("values", vec![values.len()], values.clone()),
+        ("residuals", vec![values.len()], difference(truth, values)),
+        ("rays", vec![chords.len(), 8], rays),
+        ("depths_truth", vec![true_depths.len()], true_depths.clone()),
+        ("depths", vec![depths.len()], depths.clone()),
+        ("depths_residuals", vec![depths.len()], difference(true_depths, depths)),
+    ];
+    let mut written = Vec::new();
+    for (name, shape, numbers) in arrays {
+        let path = folder.join(format!("{name}.npy"));
+        let mut bytes = Vec::new();
+        npy::write(&mut bytes, &Array { shape, values: Values::F64(numbers) })
+            .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))?;
+        save(&path, &bytes, interrupt)?;
+        written.push(path.display().to_string());
+    }
+    Ok(written)
+}
+
+fn human(report: &Report) -> String {
+    let mut table = text::Table::default();
+    let holds = |holds: bool| if holds { "holds" } else { "does not hold" };
+    table.heading(format!("{}  {}", report.file, holds(report.holds)));
+    table.row("content hash", holds(report.content_hash.holds));
+    let place = report.first_brick.map_or_else(String::new, |at| format!(", such as that at {at:?}"));
+    table.row(
+        "baked again",
+        format!(
+            "{}, of which {} differ{place}",
+            text::number(report.bricks, "brick"),
+            text::count(report.bricks_that_differ)
+        ),
+    );
+    if let Some(at) = report.outside {
+        table.row("", format!("the leaf at {at:?} lies where the scene can have no density"));
+    }
+    match &report.certificate {
+        None => table.row("certificate", "none"),
+        Some(certified) => {
+            table.row("certificate", holds(certified.holds));
+            for fault in &certified.faults {
+                table.row("", fault);
+            }
+        }
+    }
+    if !report.exported.is_empty() {
+        table.rows("written", &report.exported, "");
+    }
+    table.finish()
+}

@@ -1,0 +1,220 @@
+//! The error at a voxel size, from points alone.
+
+use glam::DVec3;
+
+use super::around::around;
+use super::errors::{Errors, Intervals, intervals};
+use super::exact::{Exact, unlimited};
+use super::goal::Metric;
+use super::parts::{Chain, Parts};
+use super::ray::{Chord, chords};
+use super::trial::{Lot, Pilot, TrialError};
+use crate::field::{Extent, Field, Lattice};
+use crate::formats::vdb::{Compression, Encoder};
+use crate::num::Level;
+use crate::num::quadrature::gauss_legendre;
+use crate::reference::Reference;
+use crate::scene::Scene;
+use crate::volume::{Filter, Plan, Precision, planned_density_at};
+
+/// How far beside its bricks a bake is looked at, in voxels: as far as a filter may reach and more.
+pub const MARGIN: f64 = 1.0;
+
+/// Times as many points are taken where these leave an error vague.
+pub(super) const MORE: usize = 4;
+/// Half the width of a 95 % interval of the error, as a part of it, that is vague.
+const VAGUE: f64 = 0.03;
+
+/// Whether so many points do not tell the error well.
+pub(super) fn is_vague(held: Option<&Intervals>) -> bool {
+    held.and_then(|held| held.relative_l2).is_some_and(|[low, high]| high - low > VAGUE * (low + high))
+}
+
+/// What a survey looks at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// Points; four times as many where these tell the error to no more than 3 %.
+    pub points: usize,
+    /// Rays.
+    pub rays: usize,
+    /// Other numbers give other points.
+    pub stream: u64,
+    /// How values between voxels are found.
+    pub filter: Filter,
+    /// How values are stored.
+    pub precision: Precision,
+}
+
+/// Errors of bakes that are not made: only bricks around points are evaluated.
+#[derive(Debug)]
+pub struct Survey<'a> {
+    pilot: Pilot<'a>,
+    exact: Reference,
+    look: Look,
+    budget: u64,
+}
+
+impl<'a> Survey<'a> {
+    /// Of a scene at its time; plans take up to `budget` bytes.
+    pub fn new(scene: &'a Scene, look: Look, budget: u64) -> Survey<'a> {
+        Survey { pilot: Pilot::new(scene, budget), exact: Reference::new(scene, None), look, budget }
+    }
+
+    /// The error at a voxel size in metres by a metric; 0 where there is no density.
+    ///
+    /// # Errors
+    ///
+    /// Where the bricks cannot be planned.
+    pub fn error(&self, voxel_size: f64, metric: Metric) -> Result<f64, TrialError> {
+        let lot = self.pilot.at(Lattice { voxel_size })?;
+        let whole = lot.whole()?;
+        let mut points = around(&whole, MARGIN, self.look.points, self.look.stream).points;
+        if metric == Metric::OpticalDepth {
+            return self.along_rays(&lot, &points);
+        }
+        let found = |points: &[DVec3]| -> Result<[Vec<f64>; 2], TrialError> {
+            Ok([Exact::at(&self.exact, points), lot.values(points, self.look.filter, self.encoder())?])
+        };
+        let [mut truth, mut stored] = found(&points)?;
+        if metric == Metric::L2 && is_vague(intervals(&truth, &stored).as_ref()) {
+            points = around(&whole, MARGIN, MORE * self.look.points, self.look.stream).points;
+            [truth, stored] = found(&points)?;
+        }
+        let errors = Errors::new(truth.iter().copied().zip(stored.iter().copied()), None);
+        let relative = |part: Option<f64>| part.unwrap_or(f64::INFINITY);
+        Ok(match metric {
+            Metric::L2 => relative(errors.l2.of_rms),
+            Metric::Max => relative(errors.max.of_peak),
+            Metric::Mass | Metric::OpticalDepth => {
+                let Some(held) = intervals(&truth, &stored) else { return Ok(0.0) };
+                let off = |ratio: f64| (ratio - 1.0).abs();
+                held.ratio.map_or(if errors.peak == 0.0 { 0.0 } else { f64::INFINITY }, |[low, high]| {
+                    off(low).max(off(high))
+                })
+            }
+        })
+    }
+
+    /// The error at a voxel size in metres taken apart.
+    ///
+    /// # Errors
+    ///
+    /// Where the bricks cannot be planned.
+    pub fn parts(&self, voxel_size: f64) -> Result<Parts, TrialError> {
+        let lot = self.pilot.at(Lattice { voxel_size })?;
+        let points = around(&lot.whole()?, MARGIN, self.look.points, self.look.stream).points;
+        let stored = lot.values(&points, self.look.filter, self.encoder())?;
+        self.parts_of(&lot, &points, &Exact::at(&self.exact, &points), &stored)
+    }
+
+    /// The error of stored values at points, where the truth is known, taken apart.
+    ///
+    /// # Errors
+    ///
+    /// Where the bricks cannot be planned.
+    pub fn parts_of(
+        &self,
+        lot: &Lot,
+        points: &[DVec3],
+        truth: &[f64],
+        stored: &[f64],
+    ) -> Result<Parts, TrialError> {
+        let voxel_size = lot.plan.lattice().voxel_size;
+        let limited = Reference::new(self.pilot.scene(), Some(voxel_size));
+        let single;
+        let voxels = match self.look.precision {
+            Precision::F32 => stored,
+            Precision::F16 => {
+                single = lot.values(points, self.look.filter, Encoder::new(Compression::None))?;
+                &single
+            }
+        };
+        Ok(Parts::new(&Chain {
+            truth,
+            limited: &Exact::at(&limited, points),
+            kernel: &lot.kernel(points)?,
+            voxels,
+            stored,
+        }))
+    }
+
+    /// The scene at voxel sizes.
+    pub fn pilot(&self) -> &Pilot<'a> {
+        &self.pilot
+    }
+
+    fn encoder(&self) -> Encoder {
+        Encoder::new(Compression::None).with_precision(self.look.precision)
+    }
+
+    /// The relative error of optical depths, by Gauss's rule of two points in every stretch of at most a voxel.
+    fn along_rays(&self, lot: &Lot, points: &[DVec3]) -> Result<f64, TrialError> {
+        /// Rays that are looked at together.
+        const TOGETHER: usize = 64;
+        let lattice = lot.plan.lattice();
+        let plan = lot.whole()?;
+        let Some(bounds) = corners(&plan) else { return Ok(0.0) };
+        let field = Field::compile(&unlimited(self.pilot.scene()));
+        let exact = Plan::for_extent(&field, lattice, Extent::Whole, self.budget)?;
+        let rule = gauss_legendre(2);
+        let mut pairs = Vec::new();
+        for chords in chords(bounds, points, self.look.rays).chunks(TOGETHER) {
+            let nodes: Vec<(usize, DVec3, f64)> = (chords.iter().enumerate())
+                .flat_map(|(number, chord)| {
+                    along(chord, lattice.voxel_size, &rule)
+                        .into_iter()
+                        .map(move |(at, weight)| (number, at, weight))
+                })
+                .filter(|(_, at, _)| near(&plan, *at))
+                .collect();
+            let places: Vec<DVec3> = nodes.iter().map(|(_, at, _)| *at).collect();
+            let stored = lot.values(&places, self.look.filter, self.encoder())?;
+            let truth = planned_density_at(&field, &exact, &places, Level::best());
+            let mut depths = vec![(0.0, 0.0); chords.len()];
+            for (((number, _, weight), truth), stored) in nodes.iter().zip(truth).zip(stored) {
+                depths[*number].0 += weight * f64::from(truth);
+                depths[*number].1 += weight * stored;
+            }
+            pairs.extend(depths);
+        }
+        Ok(Errors::new(pairs.into_iter(), None).l2.of_rms.unwrap_or(f64::INFINITY))
+    }
+}
+
+/// Corners of the box around a plan's bricks, in metres.
+fn corners(plan: &Plan) -> Option<[DVec3; 2]> {
+    let h = plan.lattice().voxel_size;
+    let corners = plan.origins().map(|origin| {
+        let low = DVec3::from(origin.map(f64::from)) * h;
+        [low, low + 8.0 * h]
+    });
+    corners.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)])
+}
+
+/// Whether a point lies in a brick or within a voxel of one.
+fn near(plan: &Plan, point: DVec3) -> bool {
+    let at = point / plan.lattice().voxel_size;
+    (0..27).any(|n: i32| {
+        let shift = DVec3::new(f64::from(n / 9 - 1), f64::from(n / 3 % 3 - 1), f64::from(n % 3 - 1));
+        #[allow(clippy::cast_possible_truncation, reason = "saturates, and no brick lies there")]
+        let block = ((at + MARGIN * shift) / 8.0).floor().to_array().map(|c| c as i64);
+        plan.find(block).is_some()
+    })
+}
+
+/// Places and weights along a chord.
+fn along(chord: &Chord, step: f64, rule: &[[f64; 2]]) -> Vec<(DVec3, f64)> {
+    let [from, to] = chord.range;
+    let pieces = ((to - from) / step).ceil().clamp(1.0, 1e6);
+    let length = (to - from) / pieces;
+    let mut nodes = Vec::new();
+    let mut piece = 0.0;
+    while piece < pieces {
+        for [place, weight] in rule {
+            let t = from + (piece + place) * length;
+            nodes.push((chord.origin + chord.direction * t, weight * length));
+        }
+        piece += 1.0;
+    }
+    nodes
+}

@@ -1,0 +1,298 @@
+//! Bakes at many settings.
+
+use std::time::Instant;
+
+use super::rows::{Cost, FieldError, Kind, Row, Settings, Spread};
+use super::{OrderOf, Run};
+use crate::field::Lattice;
+use crate::formats::vdb::{Compression, Encoder};
+use crate::report::around::around;
+use crate::report::exact::Exact;
+use crate::report::field::compare_at;
+use crate::report::order::Order;
+use crate::report::source::Gridded;
+use crate::report::survey::MARGIN;
+use crate::report::trial::{Lot, Pilot, Trial, TrialError, rows};
+use crate::scene::{Pattern, Scene};
+use crate::volume::{Filter, Plan, PlanError, Precision};
+
+/// Times the scene's own voxel size.
+const SIZES: [f64; 6] = [1.0, 2.0, 4.0, std::f64::consts::SQRT_2, 2.0 * std::f64::consts::SQRT_2, 8.0];
+/// Smaller ones, which take longer.
+const SMALLER: [f64; 2] = [std::f64::consts::FRAC_1_SQRT_2, 0.5];
+const FILTERS: [Filter; 3] = [Filter::Trilinear, Filter::Nearest, Filter::Cubic];
+
+/// A filter's word on the command line.
+pub(super) fn filter_name(filter: Filter) -> &'static str {
+    match filter {
+        Filter::Nearest => "nearest",
+        Filter::Trilinear => "trilinear",
+        Filter::Cubic => "cubic",
+    }
+}
+
+fn compression_name(compression: Compression) -> &'static str {
+    match compression {
+        Compression::Blosc => "blosc",
+        Compression::Zip => "zip",
+        Compression::None => "none",
+    }
+}
+
+fn precision_name(precision: Precision) -> &'static str {
+    match precision {
+        Precision::F32 => "f32",
+        Precision::F16 => "f16",
+    }
+}
+
+/// What a bake is made with.
+#[derive(Clone, Copy)]
+struct Making<'a> {
+    /// May be another than the one that it is held against.
+    scene: &'a Scene,
+    lattice: Lattice,
+    encoder: Encoder,
+    octaves: Option<u32>,
+}
+
+/// A scene with at most so many octaves in each layer; with none, without layers of noise.
+pub(super) fn with_octaves(scene: &Scene, most: u32) -> Scene {
+    let mut scene = scene.clone();
+    if most == 0 {
+        for tube in &mut scene.tubes {
+            tube.layers.retain(|layer| !matches!(layer.pattern, Pattern::Perlin(_)));
+        }
+    }
+    for layer in scene.tubes.iter_mut().flat_map(|tube| &mut tube.layers) {
+        if let Pattern::Perlin(noise) = &mut layer.pattern {
+            noise.octaves = noise.octaves.min(most);
+        }
+    }
+    scene
+}
+
+/// The most octaves of any layer.
+pub(super) fn most_octaves(scene: &Scene) -> u32 {
+    let layers = scene.tubes.iter().flat_map(|tube| &tube.layers);
+    let octaves = layers.map(|layer| match &layer.pattern {
+        Pattern::Perlin(noise) => noise.octaves,
+        Pattern::Constant(_) | Pattern::Sectors => 0,
+    });
+    octaves.max().unwrap_or(0)
+}
+
+impl Run<'_> {
+    /// Those that matter most: voxel size and filter, precision and codec.
+    pub(super) fn bakes(&mut self) -> Result<(), TrialError> {
+        self.sizes(&SIZES)?;
+        let (scene, lattice) = (self.scene, self.lattice);
+        for (precision, compression) in [
+            (Precision::F16, Compression::Blosc),
+            (Precision::F32, Compression::None),
+            (Precision::F32, Compression::Zip),
+            (Precision::F16, Compression::None),
+            (Precision::F16, Compression::Zip),
+        ] {
+            let label = format!("{} {}", precision_name(precision), compression_name(compression));
+            if self.time_for(&label) {
+                let encoder = Encoder::new(compression).with_precision(precision);
+                let making = Making { scene, lattice, encoder, octaves: None };
+                self.bake("precision and codec", &label, making, &[Filter::Trilinear])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fewer octaves, and smaller voxels.
+    pub(super) fn more_bakes(&mut self) -> Result<(), TrialError> {
+        let most = most_octaves(self.scene);
+        for octaves in (0..most).rev() {
+            let label = match octaves {
+                0 => "no noise".to_owned(),
+                1 => "1 octave".to_owned(),
+                octaves => format!("{octaves} octaves"),
+            };
+            if self.time_for(&label) {
+                let (scene, lattice) = (with_octaves(self.scene, octaves), self.lattice);
+                let encoder = Encoder::new(Compression::Blosc);
+                let making = Making { scene: &scene, lattice, encoder, octaves: Some(octaves) };
+                self.bake("octaves", &label, making, &[Filter::Trilinear])?;
+            }
+        }
+        self.sizes(&SMALLER)
+    }
+
+    fn sizes(&mut self, factors: &[f64]) -> Result<(), TrialError> {
+        for factor in factors {
+            let label = format!("{factor:.3} times the voxel");
+            if self.time_for(&label) {
+                let lattice = Lattice { voxel_size: factor * self.lattice.voxel_size };
+                let making = Making {
+                    scene: self.scene,
+                    lattice,
+                    encoder: Encoder::new(Compression::Blosc),
+                    octaves: None,
+                };
+                match self.bake("voxel size and filter", &label, making, &FILTERS) {
+                    Err(TrialError::Plan(PlanError::TooMany { .. })) if *factor < 1.0 => {
+                        self.left_out.push(format!("{label}: no room for the plan"));
+                    }
+                    other => other?,
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A row for each filter.
+    fn bake(
+        &mut self,
+        group: &'static str,
+        label: &str,
+        making: Making<'_>,
+        filters: &[Filter],
+    ) -> Result<(), TrialError> {
+        let Making { scene, lattice, encoder, octaves } = making;
+        let pilot = Pilot::new(scene, self.effort.budget);
+        let (cost, tree) = self.costs(&pilot, lattice, encoder)?;
+        let own = Pilot::new(self.scene, self.effort.budget).at(lattice)?.whole()?;
+        let places =
+            around(&own, MARGIN, self.effort.points, self.look(Precision::F32, Filter::Trilinear).stream);
+        let exact = Exact::new(self.scene, lattice, self.effort.budget)?;
+        for filter in filters {
+            let file = Gridded::new(tree.clone(), rows(lattice), *filter).ok_or(PlanError::TooWide)?;
+            let (found, _) = compare_at(&exact, &file, &places, self.effort.rays);
+            let (precision, compression) =
+                (precision_name(encoder.precision()), compression_name(encoder.compression()));
+            let command = octaves.is_none().then(|| {
+                format!(
+                    "vdbake bake SCENE --voxel-size {:?} --precision {precision} --compression {compression}",
+                    lattice.voxel_size
+                )
+            });
+            self.rows.push(Row {
+                group,
+                label: if filters.len() > 1 {
+                    format!("{label}, {}", filter_name(*filter))
+                } else {
+                    label.to_owned()
+                },
+                kind: Kind::Bake,
+                settings: Settings {
+                    voxel_size: lattice.voxel_size,
+                    filter: Some(filter_name(*filter)),
+                    precision: Some(precision),
+                    compression: Some(compression),
+                    octaves,
+                    step: None,
+                    method: None,
+                },
+                command,
+                field: Some(FieldError {
+                    errors: found.errors,
+                    intervals: found.intervals,
+                    optical_depth: found.optical_depth.l2.of_rms,
+                    mass_ratio: found.mass.ratio,
+                }),
+                image: None,
+                cost: cost.clone(),
+                on_front: false,
+            });
+        }
+        Ok(())
+    }
+
+    /// What a bake takes, and its values.
+    pub(super) fn costs(
+        &self,
+        pilot: &Pilot<'_>,
+        lattice: Lattice,
+        encoder: Encoder,
+    ) -> Result<(Cost, crate::volume::Tree<f32>), TrialError> {
+        let mut times: [Vec<f64>; 6] = Default::default();
+        let cutoff = pilot.scene().bake().cutoff;
+        let once = || -> Result<(Trial, usize, f64), TrialError> {
+            let started = Instant::now();
+            let Lot { field, plan, .. } = pilot.at(lattice)?;
+            let planned = started.elapsed().as_secs_f64();
+            Ok((Trial::new(&field, &plan, cutoff, encoder)?, Plan::memory(&plan), planned))
+        };
+        let (mut last, mut memory, _) = once()?;
+        for _ in 0..self.effort.repeats {
+            let planned;
+            (last, memory, planned) = once()?;
+            let [baking, writing, reading] = last.seconds;
+            let all = [
+                planned,
+                last.phases.evaluate,
+                last.phases.encode + last.phases.append,
+                writing,
+                reading,
+                planned + baking + writing,
+            ];
+            for (times, seconds) in times.iter_mut().zip(all) {
+                times.push(seconds);
+            }
+            if self.begun.elapsed() > self.effort.time {
+                break;
+            }
+        }
+        let [plan, evaluate, encode, write, read, total] = times.map(Spread::of);
+        let voxels = last.tally.active_voxels;
+        #[allow(clippy::cast_precision_loss, reason = "a ratio")]
+        let ns = evaluate.filter(|_| voxels > 0).map(|evaluate| 1e9 * evaluate.median / voxels as f64);
+        let cost = Cost {
+            plan,
+            evaluate,
+            encode,
+            write,
+            read,
+            march: None,
+            total,
+            bytes: Some(last.bytes),
+            memory: Some(memory as u64 + last.bytes),
+            active_voxels: Some(voxels),
+            ns_per_voxel: ns,
+            evaluated_places: None,
+        };
+        Ok((cost, last.tree))
+    }
+}
+
+/// Orders over the three finest voxel sizes, for each filter and metric.
+pub(super) fn orders(rows: &[Row]) -> Vec<OrderOf> {
+    let mut found = Vec::new();
+    for filter in FILTERS {
+        let name = filter_name(filter);
+        let of = rows
+            .iter()
+            .filter(|row| row.group == "voxel size and filter" && row.settings.filter == Some(name));
+        let of: Vec<&Row> = of.collect();
+        for (metric, theory) in [("l1", 0.0), ("l2", 0.0), ("max", 0.0), ("optical-depth", 0.0)] {
+            let theory: f64 = theory
+                + match filter {
+                    Filter::Nearest => 1.0,
+                    Filter::Trilinear => 2.0,
+                    Filter::Cubic => 3.0,
+                };
+            let error = |row: &Row| {
+                let field = row.field.as_ref()?;
+                match metric {
+                    "l1" => field.errors.l1.of_rms,
+                    "l2" => field.errors.l2.of_rms,
+                    "max" => field.errors.max.of_peak,
+                    _ => field.optical_depth,
+                }
+            };
+            let mut points: Vec<[f64; 2]> =
+                of.iter().filter_map(|row| Some([row.settings.voxel_size, error(row)?])).collect();
+            points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+            points.truncate(3);
+            if let Some(measured) = Order::fit(&points) {
+                found.push(OrderOf { filter: name, metric, measured, theory });
+            }
+        }
+    }
+    found
+}
