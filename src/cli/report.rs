@@ -12,8 +12,11 @@ use super::output::save;
 use super::progress::Progress;
 use super::sample::unplanned;
 use super::{Failure, Global, text};
+use crate::field::Lattice;
 use crate::report::TrialError;
+use crate::report::page::{PageError, drawings, galleries, page};
 use crate::report::sweep::{Effort, Kind, Report, Row, sweep};
+use crate::scene::Scene;
 
 /// Bytes that the program takes besides plans.
 const PROCESS: u64 = 16 << 20;
@@ -24,7 +27,8 @@ const FINENESS: f64 = 1000.0;
 pub(super) struct Arguments {
     /// The scene to report on
     scene: PathBuf,
-    /// Where to write, by the ending: .json holds all figures, .csv a line for each setting
+    /// Where to write, by the ending: .html is a page with plots and pictures, with all of the others beside it; .json holds
+    /// all figures, .csv a line for each setting
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Seconds after which nothing more is begun; what there was no time for is listed
@@ -39,7 +43,7 @@ pub(super) struct Arguments {
         default_value = "40000", allow_negative_numbers = true)]
     points: u32,
     /// Pixels of pictures
-    #[arg(long, value_name = "WxH", value_parser = size, default_value = "320x180")]
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "320x320")]
     size: [usize; 2],
     #[command(flatten)]
     options: SceneOptions,
@@ -55,13 +59,14 @@ fn size(text: &str) -> Result<[usize; 2], String> {
     let (width, height) = text.split_once('x').unwrap_or((text, ""));
     match (edge(width), edge(height)) {
         (Some(width), Some(height)) => Ok([width, height]),
-        _ => Err("expected a width and a height from 8 to 4096, such as 320x180".to_owned()),
+        _ => Err("expected a width and a height from 8 to 4096, such as 320x320".to_owned()),
     }
 }
 
 /// What is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
+    Html,
     Json,
     Csv,
 }
@@ -70,11 +75,11 @@ impl Form {
     fn of(path: &Path) -> Result<Form, Failure> {
         let named =
             |name: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(name));
-        match (named("json"), named("csv")) {
-            (true, _) => Ok(Form::Json),
-            (_, true) => Ok(Form::Csv),
-            _ => Err(Failure::usage(format!("the output {} ends in neither .json nor .csv", path.display()))),
-        }
+        let known = [("html", Form::Html), ("json", Form::Json), ("csv", Form::Csv)];
+        let form = known.into_iter().find(|(name, _)| named(name)).map(|(_, form)| form);
+        form.ok_or_else(|| {
+            Failure::usage(format!("the output {} ends in none of .html, .json and .csv", path.display()))
+        })
     }
 }
 
@@ -83,28 +88,96 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let form = Form::of(&arguments.output)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
-    let report = pool.install(|| measure(arguments, global, &interrupt))?;
-    interrupt.check()?;
-    let bytes = match form {
-        Form::Csv => report.to_csv().into_bytes(),
-        Form::Json => serde_json::to_vec_pretty(&report)
-            .map_err(|error| Failure::failed("cannot write the report").because(error))?,
-    };
-    save(&arguments.output, &bytes, &interrupt)?;
+    let files = pool.install(|| {
+        let Compiled { scene, lattice, .. } =
+            Source::read(&arguments.scene, &arguments.options)?.compile(arguments.options.time())?;
+        global.warn_of(scene.warnings());
+        let report = measure(arguments, &scene, lattice, global, &interrupt)?;
+        interrupt.check()?;
+        let files = files(form, &report, arguments, &scene, lattice, &interrupt)?;
+        Ok::<_, Failure>((report, files))
+    });
+    let (report, files) = files?;
+    for (path, bytes) in &files {
+        save(path, bytes, &interrupt)?;
+    }
     global.show(&report, |report| human(report, &arguments.output))
 }
 
-fn measure(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Result<Report, Failure> {
-    let options = &arguments.options;
-    let Compiled { scene, lattice, .. } = Source::read(&arguments.scene, options)?.compile(options.time())?;
-    global.warn_of(scene.warnings());
+/// What is written, and where: the page last, so that who finds it finds all of it.
+fn files(
+    form: Form,
+    report: &Report,
+    arguments: &Arguments,
+    scene: &Scene,
+    lattice: Lattice,
+    interrupt: &Interrupt,
+) -> Result<Vec<(PathBuf, Vec<u8>)>, Failure> {
+    let output = &arguments.output;
+    let json = || {
+        serde_json::to_vec_pretty(report)
+            .map_err(|error| Failure::failed("cannot write the report").because(error))
+    };
+    match form {
+        Form::Csv => Ok(vec![(output.clone(), report.to_csv().into_bytes())]),
+        Form::Json => Ok(vec![(output.clone(), json()?)]),
+        Form::Html => {
+            let drawn = |error: PageError| {
+                Failure::failed(format!("cannot draw {}", output.display())).because(error)
+            };
+            let mut goes_on = || interrupt.check().is_ok();
+            let budget = arguments.budget();
+            let shots = galleries(scene, lattice, arguments.size, budget, &mut goes_on).map_err(cannot)?;
+            interrupt.check()?;
+            let mut files = vec![
+                (output.with_extension("json"), json()?),
+                (output.with_extension("csv"), report.to_csv().into_bytes()),
+            ];
+            for plot in drawings(report).map_err(drawn)? {
+                files.push((beside(output, plot.name, "svg"), plot.svg.into_bytes()));
+                files.push((beside(output, plot.name, "png"), plot.png));
+            }
+            let page = page(report, &arguments.scene.display().to_string(), &shots).map_err(drawn)?;
+            files.push((output.clone(), page.into_bytes()));
+            Ok(files)
+        }
+    }
+}
+
+/// `name-plot.ending` for `name.html`.
+fn beside(page: &Path, plot: &str, ending: &str) -> PathBuf {
+    let stem = page.file_stem().unwrap_or_default().to_string_lossy();
+    page.with_file_name(format!("{stem}-{plot}.{ending}"))
+}
+
+fn cannot(error: TrialError) -> Failure {
+    match error {
+        TrialError::Plan(error) => unplanned(error),
+        error => Failure::failed("cannot measure the scene").because(error),
+    }
+}
+
+impl Arguments {
+    /// Bytes for each plan, and for the voxels of each picture.
+    fn budget(&self) -> u64 {
+        self.options.budget().bytes().saturating_sub(PROCESS)
+    }
+}
+
+fn measure(
+    arguments: &Arguments,
+    scene: &Scene,
+    lattice: Lattice,
+    global: &Global,
+    interrupt: &Interrupt,
+) -> Result<Report, Failure> {
     let effort = Effort {
         time: Duration::from_secs_f64(arguments.time_limit),
         repeats: arguments.repeats.into(),
         points: arguments.points as usize,
         rays: 500,
         size: arguments.size,
-        budget: options.budget().bytes().saturating_sub(PROCESS),
+        budget: arguments.budget(),
     };
     let mut progress = Progress::new(1, global.quiet);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a constant")]
@@ -118,10 +191,7 @@ fn measure(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Res
         shown = shown.max(steps);
         interrupt.check().is_ok()
     };
-    sweep(&scene, lattice, effort, &mut done).map_err(|error| match error {
-        TrialError::Plan(error) => unplanned(error),
-        error => Failure::failed("cannot measure the scene").because(error),
-    })
+    sweep(scene, lattice, effort, &mut done).map_err(cannot)
 }
 
 fn human(report: &Report, output: &Path) -> String {

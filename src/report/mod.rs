@@ -21,6 +21,7 @@ pub mod flip;
 mod goal;
 mod image;
 mod order;
+pub mod page;
 mod parts;
 mod random;
 mod ray;

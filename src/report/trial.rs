@@ -144,6 +144,20 @@ impl Lot {
         Trial::new(&self.field, &self.plan, self.cutoff, encoder)
     }
 
+    /// That all of it can be baked at once, in memory.
+    ///
+    /// # Errors
+    ///
+    /// [`PlanError::TooMany`].
+    pub fn fits(&self) -> Result<(), PlanError> {
+        /// Bytes for a brick: its leaf as it is encoded, in the file, and as it is read.
+        const BRICK: u64 = 8192;
+        let bricks = self.plan.bricks();
+        #[allow(clippy::cast_precision_loss, reason = "for a message")]
+        let too_many = PlanError::TooMany { bricks: bricks as f64 };
+        if (bricks as u64).saturating_mul(BRICK) > self.budget { Err(too_many) } else { Ok(()) }
+    }
+
     /// All bricks with some of their surroundings, to spread points over.
     ///
     /// # Errors

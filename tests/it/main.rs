@@ -28,6 +28,7 @@ mod memory;
 mod methods;
 mod noise;
 mod oracle;
+mod page;
 mod path;
 mod reader;
 mod render;

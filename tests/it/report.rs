@@ -139,7 +139,7 @@ fn what_cannot_be_reported_is_refused() {
     let folder = Folder::new();
     let run = |arguments: &[&str]| folder.run(&[&["report", "bent.toml"][..], arguments].concat());
     for arguments in [
-        &["-o", "out.html"][..],
+        &["-o", "out.pdf"][..],
         &["-o", "out.json", "--time-limit", "0"],
         &["-o", "out.json", "--size", "2x2"],
         &["-o", "out.json", "--points", "10"],

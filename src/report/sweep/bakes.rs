@@ -18,8 +18,9 @@ use crate::volume::{Filter, Plan, PlanError, Precision};
 
 /// Times the scene's own voxel size.
 const SIZES: [f64; 6] = [1.0, 2.0, 4.0, std::f64::consts::SQRT_2, 2.0 * std::f64::consts::SQRT_2, 8.0];
-/// Smaller ones, which take longer.
-const SMALLER: [f64; 2] = [std::f64::consts::FRAC_1_SQRT_2, 0.5];
+/// Smaller ones, which take longer: only where all their repeats are likely to take no more than a part of the time.
+const SMALLER: [f64; 4] = [std::f64::consts::FRAC_1_SQRT_2, 0.5, 0.5 * std::f64::consts::FRAC_1_SQRT_2, 0.25];
+const DEAR: f64 = 0.1;
 const FILTERS: [Filter; 3] = [Filter::Trilinear, Filter::Nearest, Filter::Cubic];
 
 /// A filter's word on the command line.
@@ -126,6 +127,10 @@ impl Run<'_> {
     fn sizes(&mut self, factors: &[f64]) -> Result<(), TrialError> {
         for factor in factors {
             let label = format!("{factor:.3} times the voxel");
+            if *factor < 1.0 && self.is_dear(*factor) {
+                self.left_out.push(label);
+                continue;
+            }
             if self.time_for(&label) {
                 let lattice = Lattice { voxel_size: factor * self.lattice.voxel_size };
                 let making = Making {
@@ -143,6 +148,21 @@ impl Run<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Whether bakes at a voxel size, over the scene's own, are likely to take much of the time: they take as long as they
+    /// have voxels.
+    fn is_dear(&self, factor: f64) -> bool {
+        let sizes = self.rows.iter().filter(|row| row.group == "voxel size and filter");
+        let finest = sizes.min_by(|a, b| a.settings.voxel_size.total_cmp(&b.settings.voxel_size));
+        let Some((size, total)) = finest.and_then(|row| Some((row.settings.voxel_size, row.cost.total?)))
+        else {
+            return false;
+        };
+        let finer = size / (factor * self.lattice.voxel_size);
+        #[allow(clippy::cast_precision_loss, reason = "few")]
+        let runs = (self.effort.repeats + 1) as f64;
+        runs * total.median * finer * finer * finer > DEAR * self.effort.time.as_secs_f64()
     }
 
     /// A row for each filter.
@@ -214,7 +234,9 @@ impl Run<'_> {
         let cutoff = pilot.scene().bake().cutoff;
         let once = || -> Result<(Trial, usize, f64), TrialError> {
             let started = Instant::now();
-            let Lot { field, plan, .. } = pilot.at(lattice)?;
+            let lot = pilot.at(lattice)?;
+            lot.fits()?;
+            let Lot { field, plan, .. } = lot;
             let planned = started.elapsed().as_secs_f64();
             Ok((Trial::new(&field, &plan, cutoff, encoder)?, Plan::memory(&plan), planned))
         };

@@ -1,0 +1,387 @@
+//! The page: what a sweep found, as one HTML file without scripts that holds all it shows.
+
+mod answers;
+mod charts;
+mod gallery;
+mod plot;
+mod words;
+
+use std::io::Cursor;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::sweep::{ImageParts, Kind, PaysAfter, Report, Row};
+use super::{Part, Parts};
+use crate::formats::png;
+use answers::Answer;
+pub use gallery::galleries;
+pub use plot::PlotError;
+
+/// A picture on the page.
+#[derive(Debug, Clone)]
+pub struct Shot {
+    /// What it is of, in a few words.
+    pub title: String,
+    /// What is to be seen, and by what it is measured.
+    pub caption: String,
+    /// Pixels.
+    pub size: [usize; 2],
+    /// Red, green and blue, in rows from the top.
+    pub pixels: Vec<[u8; 3]>,
+}
+
+/// Pictures that are looked at together.
+#[derive(Debug, Clone)]
+pub struct Gallery {
+    /// What they are.
+    pub title: &'static str,
+    /// A sentence or two.
+    pub text: String,
+    /// In order.
+    pub shots: Vec<Shot>,
+}
+
+/// A plot in both forms.
+#[derive(Debug, Clone)]
+pub struct Drawing {
+    /// A word.
+    pub name: &'static str,
+    /// A file of its own.
+    pub svg: String,
+    /// Likewise.
+    pub png: Vec<u8>,
+}
+
+/// Why a page came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// A plot.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+    /// A picture.
+    #[error("cannot compress a picture: {0}")]
+    Picture(#[from] ::png::EncodingError),
+}
+
+/// The plots as files.
+///
+/// # Errors
+///
+/// [`PageError`].
+pub fn drawings(report: &Report) -> Result<Vec<Drawing>, PageError> {
+    charts::charts(report)
+        .iter()
+        .map(|plot| {
+            let ([width, height], pixels) = plot.pixels()?;
+            let pixels = pixels.as_chunks().0;
+            let size = [width as usize, height as usize];
+            Ok(Drawing { name: plot.name, svg: plot.svg(true)?, png: compressed(size, pixels)? })
+        })
+        .collect()
+}
+
+/// The page of a scene that was read from `file`.
+///
+/// # Errors
+///
+/// [`PageError`].
+pub fn page(report: &Report, file: &str, galleries: &[Gallery]) -> Result<String, PageError> {
+    let mut plots = Vec::new();
+    for plot in charts::charts(report) {
+        let opening = format!("<svg role=\"img\" aria-label=\"{}\" ", plot.title);
+        plots.push(plot.svg(false)?.replacen("<svg ", &opening, 1));
+    }
+    let mut pictures = Vec::new();
+    for gallery in galleries {
+        pictures.push(show(gallery)?);
+    }
+    let title = format!("{}: error against run time", report.scene);
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                header {
+                    h1 { (report.scene) }
+                    p.lead { "What each accuracy costs: a bake's error against the density that the scene defines." }
+                }
+                main {
+                    section { h2 { "Which setting for which error" } (answer(report, file)) }
+                    section {
+                        h2 { "Error and cost" }
+                        p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best of all." }
+                        div.plots { @for plot in &plots { figure { (PreEscaped(plot)) } } }
+                    }
+                    section { h2 { "Where the error comes from" } (parts(report)) }
+                    @for (gallery, shown) in galleries.iter().zip(&pictures) {
+                        section { h2 { (gallery.title) } p { (gallery.text) } (shown) }
+                    }
+                    section { h2 { "All figures" } (tables(report)) }
+                    section { h2 { "How it was measured" } (method(report)) }
+                }
+            }
+        }
+    };
+    Ok(page.into_string())
+}
+
+fn answer(report: &Report, file: &str) -> Markup {
+    let answers = answers::answers(report);
+    let own = answers::own(report);
+    let error = |row: &Row| row.field.as_ref().and_then(|field| field.errors.l2.of_rms);
+    let is_beyond =
+        answers.iter().any(|answer| answer.setting.as_ref().is_some_and(|setting| setting.is_beyond));
+    html! {
+        @if let Some(row) = own {
+            p {
+                "At its own voxel size, " (words::metres(report.voxel_size)) ", the scene bakes "
+                @if let Some(error) = error(row) { "with an error of " b { (words::part(error)) } " " }
+                @if let Some(total) = row.cost.total { "in " b { (words::seconds(total.median)) } " " }
+                @if let Some(bytes) = row.cost.bytes { "to " b { (bytes_of(bytes)) } }
+                "."
+            }
+        }
+        div.scroll {
+            table {
+                thead { tr { th { "error at most" } th { "voxel" } th { "values" } th { "file" } th { "time" } th.wide { "command" } } }
+                tbody { @for answer in &answers { (answer_row(answer, file)) } }
+            }
+        }
+        p.note {
+            "Errors are root mean squares over the density's support, as parts of the density's own; voxels are read trilinearly. "
+            "Settings between those that were measured follow powers of the voxel size. "
+            @if is_beyond { "An asterisk marks voxels smaller than all that were measured. " }
+            code { "bake --max-error" } " finds a setting and checks it."
+        }
+        @if let Some(pays) = &report.pays_after { (pays_after(pays)) }
+    }
+}
+
+fn answer_row(answer: &Answer, file: &str) -> Markup {
+    html! {
+        tr {
+            th scope="row" { (words::part(answer.error)) }
+            @match &answer.setting {
+                Some(setting) => {
+                    td { (words::metres(setting.voxel_size)) @if setting.is_beyond { "*" } }
+                    td { @if setting.is_half { "f16" } @else { "f32" } }
+                    td { (words::bytes(setting.bytes)) }
+                    td { (words::seconds(setting.seconds)) }
+                    td.wide { code {
+                        "vdbake bake " (file) " --voxel-size " (setting.voxel_size)
+                        @if setting.is_half { " --precision f16" }
+                    } }
+                }
+                None => td.wide colspan="5" { "needs voxels far smaller than those that were measured" },
+            }
+        }
+    }
+}
+
+/// The error taken apart.
+fn parts(report: &Report) -> Markup {
+    let row = |name: &str, what: &str, of: fn(&Parts) -> Part| {
+        let share = |parts: &Parts| {
+            let (part, whole) = (of(parts).rms, parts.whole.rms);
+            if whole > 0.0 { 100.0 * (part / whole) * (part / whole) } else { 0.0 }
+        };
+        html! {
+            tr {
+                th scope="row" { (name) }
+                td { (relative(of(&report.parts))) }
+                td.bar { div style={ "width:" (format!("{:.1}", share(&report.parts).min(100.0))) "%" } {} }
+                td { (relative(of(&report.parts_f16))) }
+                td.wide { (what) }
+            }
+        }
+    };
+    html! {
+        div.scroll { table {
+            thead { tr { th {} th { "f32" } th { "share of the square" } th { "f16" } th.wide { "what it is" } } }
+            tbody {
+                (row("interpolation", "voxels and the filter between them", |parts| parts.interpolation))
+                (row("model", "octaves faded and thin parts widened for the voxel size", |parts| parts.model))
+                (row("quantisation", "the precision in which values are stored", |parts| parts.quantisation))
+                (row("rounding", "single precision in the evaluation", |parts| parts.rounding))
+                (row("whole", "all of it, at the scene's own voxel size", |parts| parts.whole))
+            }
+        } }
+        @if let Some(parts) = &report.image_parts { (image_parts(parts)) }
+        @if let Some(reason) = report.parts.reason.as_ref() { p.note { "The parts' squares do not add up to the whole: " (reason) "." } }
+    }
+}
+
+fn relative(part: Part) -> String {
+    part.of_truth.map_or_else(|| words::figure(part.rms), words::part)
+}
+
+fn show(gallery: &Gallery) -> Result<Markup, PageError> {
+    let mut figures = Vec::new();
+    for shot in &gallery.shots {
+        let file = compressed(shot.size, &shot.pixels)?;
+        let source = format!("data:image/png;base64,{}", STANDARD.encode(file));
+        figures.push(html! {
+            figure {
+                img src=(source) width=(shot.size[0]) height=(shot.size[1]) alt=(shot.title);
+                figcaption { b { (shot.title) } " " (shot.caption) }
+            }
+        });
+    }
+    Ok(html! { div.shots { @for figure in &figures { (figure) } } })
+}
+
+fn compressed(size: [usize; 2], pixels: &[[u8; 3]]) -> Result<Vec<u8>, PageError> {
+    let mut file = Cursor::new(Vec::new());
+    png::write(size, pixels, &mut file)?;
+    Ok(file.into_inner())
+}
+
+/// Every row, in tables of one group each.
+fn tables(report: &Report) -> Markup {
+    let mut groups: Vec<(Kind, &str)> = Vec::new();
+    for row in &report.rows {
+        if !groups.contains(&(row.kind, row.group)) {
+            groups.push((row.kind, row.group));
+        }
+    }
+    html! {
+        @for (kind, group) in &groups {
+            details open {
+                summary { (group) @if *kind == Kind::Picture { " (pictures)" } }
+                div.scroll { (table(*kind, report.rows.iter().filter(|row| row.kind == *kind && row.group == *group))) }
+            }
+        }
+    }
+}
+
+fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
+    let cell = |text: Option<String>| html! { td { (text.unwrap_or_else(|| "\u{2013}".to_owned())) } };
+    let part = |x: Option<f64>| x.map(words::part);
+    html! {
+        table {
+            @if kind == Kind::Bake {
+                thead { tr {
+                    th { "setting" } th { "voxel" } th { "L2" } th { "95\u{202f}%" } th { "L1" } th { "99.9\u{202f}%" } th { "largest" } th { "bias" }
+                    th { "mass" } th { "optical depth" } th { "time" } th { "spread" } th { "ns a voxel" } th { "file" }
+                } }
+            } @else {
+                thead { tr {
+                    th { "setting" } th { "voxel" } th { "step" } th { "error" } th { "PSNR" } th { "FLIP" } th { "transmittance" } th { "time" } th { "spread" }
+                } }
+            }
+            tbody {
+                @for row in rows {
+                    tr.front[row.on_front] {
+                        th scope="row" title=[row.command.as_deref()] { (row.label) }
+                        (cell(Some(words::metres(row.settings.voxel_size))))
+                        @if kind == Kind::Bake {
+                            @let errors = row.field.as_ref().map(|field| field.errors);
+                            (cell(part(errors.and_then(|e| e.l2.of_rms))))
+                            (cell(held(row).map(|[low, high]| format!("{} to {}", words::part(low), words::part(high)))))
+                            (cell(part(errors.and_then(|e| e.l1.of_rms))))
+                            (cell(part(errors.and_then(|e| e.p999.of_peak))))
+                            (cell(part(errors.and_then(|e| e.max.of_peak))))
+                            (cell(part(errors.and_then(|e| e.bias.of_rms))))
+                            (cell(row.field.as_ref().and_then(|field| field.mass_ratio).map(|ratio| format!("{ratio:.5}"))))
+                            (cell(part(row.field.as_ref().and_then(|field| field.optical_depth))))
+                        } @else {
+                            (cell(row.settings.step.map(words::figure)))
+                            (cell(part(row.image.and_then(|image| image.relative))))
+                            (cell(row.image.and_then(|image| image.psnr).map(|psnr| format!("{psnr:.1} dB"))))
+                            (cell(row.image.and_then(|image| image.flip).map(words::figure)))
+                            (cell(row.image.map(|image| words::figure(image.transmittance))))
+                        }
+                        (cell(row.cost.total.map(|total| words::seconds(total.median))))
+                        (cell(row.cost.total.map(|total| format!("{} to {}", words::seconds(total.least), words::seconds(total.most)))))
+                        @if kind == Kind::Bake {
+                            (cell(row.cost.ns_per_voxel.map(words::figure)))
+                            (cell(row.cost.bytes.map(bytes_of)))
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The interval of 95 % of a bake's relative L2.
+fn held(row: &Row) -> Option<[f64; 2]> {
+    let field = row.field.as_ref()?;
+    let rms = field.errors.rms;
+    (rms > 0.0).then(|| field.intervals.map(|held| held.l2.map(|end| end / rms)))?
+}
+
+/// When a bake pays.
+fn pays_after(pays: &PaysAfter) -> Markup {
+    let [scene, voxels] = [pays.procedural_frame, pays.baked_frame].map(words::seconds);
+    html! {
+        p {
+            "A picture of the scene itself takes " (scene) ", one of its voxels " (voxels) ": "
+            @match pays.frames {
+                Some(frames) => {
+                    "the bake of " (words::seconds(pays.bake)) " has paid after " b { (words::figure(frames.ceil().max(1.0))) }
+                    @if frames > 1.0 { " pictures." } @else { " picture." }
+                }
+                None => "a bake does not pay by pictures of this program alone.",
+            }
+        }
+    }
+}
+
+/// A picture's error taken apart.
+fn image_parts(parts: &ImageParts) -> Markup {
+    let rows = [
+        ("interpolation", parts.interpolation, "voxels and the filter between them"),
+        ("model", parts.model, "octaves faded and thin parts widened for the voxel size"),
+        ("quantisation", parts.quantisation, "half precision"),
+        ("early exit", parts.early_exit, "rays that end where nearly nothing can be seen"),
+        ("whole", parts.whole, "a picture of the voxels in half precision against the scene, marched finely"),
+        ("step", parts.step, "steps of one voxel where there are no voxels: no part of the whole"),
+    ];
+    html! {
+        h3 { "Of a picture's transmittance" }
+        div.scroll { table {
+            thead { tr { th {} th { "of the picture's" } th.wide { "what it is" } } }
+            tbody { @for (name, part, what) in rows {
+                tr { th scope="row" { (name) } td { (relative(part)) } td.wide { (what) } }
+            } }
+        } }
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "in words")]
+fn bytes_of(bytes: u64) -> String {
+    words::bytes(bytes as f64)
+}
+
+fn method(report: &Report) -> Markup {
+    let machine = &report.machine;
+    html! {
+        ul {
+            li {
+                "Truth: the density as the scene defines it, in double precision and with every octave, at "
+                (words::count(report.truth.points)) " points of its support and of the bakes', and along "
+                (words::count(report.truth.rays)) " rays. Along rays and in pictures it is evaluated in single precision, "
+                "which is off by " (relative(report.truth.kernel)) " at those points."
+            }
+            li {
+                "Times are medians of repeats after a first that is not counted, by the clock of "
+                (machine.threads) " threads (" (machine.simd) (machine.processor.as_ref().map_or(String::new(), |name| format!(", {name}"))) "). "
+                "Ratios of one run can be compared; times of other machines cannot."
+            }
+            li { "Rows in bold are on the front: none other of their kind is both faster and more exact." }
+            li { "The whole took " (words::seconds(report.seconds)) "; nothing was begun after " (words::seconds(report.time_limit)) "." }
+            @if !report.left_out.is_empty() { li { "Left out for lack of time: " (report.left_out.join(", ")) "." } }
+        }
+    }
+}
+
+const STYLE: &str = include_str!("style.css");

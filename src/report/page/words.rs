@@ -1,0 +1,71 @@
+//! Numbers in words.
+
+use bytesize::ByteSize;
+
+/// Three significant digits, without a tail of zeros.
+pub(super) fn figure(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return format!("{x}");
+    }
+    let magnitude = x.abs();
+    if !(1e-3..1e5).contains(&magnitude) {
+        return format!("{x:.2e}");
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 5")]
+    let decimals = (2.0 - libm::log10(magnitude).floor()).clamp(0.0, 5.0) as usize;
+    let text = format!("{x:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// A part of something, in per cent.
+pub(super) fn part(x: f64) -> String {
+    format!("{} %", figure(100.0 * x))
+}
+
+pub(super) fn seconds(x: f64) -> String {
+    if x < 1e-3 {
+        format!("{} µs", figure(1e6 * x))
+    } else if x < 1.0 {
+        format!("{} ms", figure(1e3 * x))
+    } else {
+        format!("{} s", figure(x))
+    }
+}
+
+pub(super) fn metres(x: f64) -> String {
+    if (1e-3..0.1).contains(&x) { format!("{} mm", figure(1e3 * x)) } else { format!("{} m", figure(x)) }
+}
+
+pub(super) fn bytes(x: f64) -> String {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let whole = x.max(0.0).round() as u64;
+    ByteSize::b(whole).display().si().to_string()
+}
+
+/// With spaces between thousands.
+pub(super) fn count(n: u64) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (place, digit) in digits.chars().enumerate() {
+        if place > 0 && (digits.len() - place).is_multiple_of(3) {
+            text.push('\u{202f}');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_digits_are_shown() {
+        let shown = [0.0, 0.012_345, 1.0, 12.345, 99_950.0, 123_456.0, 1e-5, -0.5].map(figure);
+        assert_eq!(shown, ["0", "0.0123", "1", "12.3", "99950", "1.23e5", "1.00e-5", "-0.5"]);
+        assert_eq!(
+            [part(0.02), seconds(0.0123), metres(0.01), count(1_234_567)],
+            ["2 %", "12.3 ms", "10 mm", "1\u{202f}234\u{202f}567"]
+        );
+    }
+}
