@@ -358,6 +358,13 @@ fn by_bytes(
         if (TAKEN[0] * most..=TAKEN[1] * most).contains(&bytes) {
             return Ok(());
         }
+        // Where smaller voxels show no more, the file does not grow.
+        if tried
+            .iter()
+            .any(|[size, other]| *size >= 2.0 * voxel_size && bytes <= 1.01 * other && bytes < most)
+        {
+            return Ok(());
+        }
         tried.push([voxel_size, bytes]);
         let last: Vec<[f64; 2]> = tried.iter().rev().take(2).copied().collect();
         let order = Order::fit(&last).map_or(-3.0, |fit| fit.order).clamp(-3.5, -1.0);

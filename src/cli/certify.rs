@@ -165,6 +165,11 @@ fn certificate(
     })
 }
 
+/// Whether a certificate was measured as those of this program are.
+pub(super) fn is_of_this_kind(certificate: &Certificate) -> bool {
+    certificate.truth == TRUTH && certificate.filter == "trilinear" && certificate.stream == STREAM
+}
+
 /// SHA-256 of a text, in hexadecimal.
 pub(super) fn scene_hash(text: &str) -> String {
     text::hexadecimal(&Sha256::digest(text.as_bytes()))

@@ -15,8 +15,10 @@ use super::recipe::{CREATOR, antialias_name};
 use super::{Failure, Global, certify, text};
 use crate::field::{Field, Lattice};
 use crate::formats::npy::{self, Array, Values};
-use crate::formats::vdb::{Meta, Metadata, VdbFile, VdbReadError};
-use crate::report::{Certificate, Measured, Rederived, Residuals, content_hash, rederive};
+use crate::formats::vdb::{FileInfo, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
+use crate::report::{
+    Certificate, FieldDifference, Measured, Rederived, Residuals, content_hash, rederive, rows,
+};
 use crate::scene::Scene;
 use crate::scene::limit::{ANY, POSITIVE};
 use crate::volume::{Plan, Precision, Tree};
@@ -83,6 +85,10 @@ struct Report {
     first_brick: Option<[i32; 3]>,
     /// The first voxel of a leaf where the scene can have no density.
     outside: Option<[i32; 3]>,
+    /// Whether its voxels are as large as the recipe has them, and where.
+    placed: bool,
+    /// Grids beside the density, which are not looked at.
+    other_grids: usize,
     /// Null where there is none.
     certificate: Option<Certified>,
     /// Files that were written.
@@ -124,7 +130,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Result<Report, Failure> {
     let path = &arguments.file;
     let budget = arguments.memory.unwrap_or_else(Amount::installed).bytes().saturating_sub(PROCESS);
-    let metadata = metadata(path, budget)?;
+    let FileInfo { metadata, grids, .. } = info(path, budget)?;
     let text = |name: &str| match metadata.get(name) {
         Some(Meta::String(text)) => Ok(text.as_str()),
         _ => Err(Failure::input(format!(
@@ -168,15 +174,24 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     let certificate = text(certify::CERTIFICATE).ok();
     let mut exported = Vec::new();
     let certified = if certificate.is_some() || arguments.export.is_some() {
-        let (measured, _, residuals) = certify::measured(&scene, lattice, tree, precision, budget)?;
+        let (measured, found, residuals) = certify::measured(&scene, lattice, tree, precision, budget)?;
         if let Some(folder) = &arguments.export {
             exported = export(folder, &residuals, interrupt)?;
         }
-        certificate.map(|text| certified(text, measured, &scene, &content, &metadata))
+        certificate.map(|text| certified(text, measured, &found, &scene, &content, &metadata))
     } else {
         None
     };
+    let placed = grids.iter().any(|grid| grid.name == "density" && is_placed(grid, lattice));
+    let other_grids = grids.iter().filter(|grid| grid.name != "density").count();
+    if other_grids > 0 {
+        let others = text::number(other_grids as u64, "other grid");
+        global.note(&format!("{others} in the file: the recipe says nothing of what they hold"));
+    }
+    let several = grids.len() - other_grids > 1;
     let holds = content.holds
+        && placed
+        && !several
         && differ == 0
         && outside.is_none()
         && same_settings(&recipe, &scene)
@@ -189,10 +204,20 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         bricks_that_differ: differ,
         first_brick: first,
         outside,
+        placed,
+        other_grids,
         certificate: certified,
         exported,
         holds,
     })
+}
+
+/// Whether a grid's voxels are where those of a lattice are.
+fn is_placed(grid: &GridInfo, lattice: Lattice) -> bool {
+    let Some(matrix) = grid.map.matrix else { return false };
+    let h = lattice.voxel_size;
+    let close = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME * h;
+    matrix.iter().flatten().zip(rows(lattice).iter().flatten()).all(close)
 }
 
 /// Whether the settings are those of the scene's text.
@@ -208,10 +233,10 @@ fn open(path: &Path) -> Result<File, Failure> {
     File::open(path).map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))
 }
 
-fn metadata(path: &Path, budget: u64) -> Result<Metadata, Failure> {
+fn info(path: &Path, budget: u64) -> Result<FileInfo, Failure> {
     let failed =
         |error: VdbReadError| Failure::input(format!("cannot read {}", path.display())).because(error);
-    Ok(VdbFile::open_within(open(path)?, budget).map_err(failed)?.info().metadata.clone())
+    Ok(VdbFile::open_within(open(path)?, budget).map_err(failed)?.info().clone())
 }
 
 fn read(path: &Path, budget: u64) -> Result<Tree<f32>, Failure> {
@@ -250,6 +275,7 @@ fn scene(arguments: &Arguments, text: &str, inputs: Option<&str>) -> Result<Scen
 fn certified(
     text: &str,
     measured: Measured,
+    found: &FieldDifference,
     scene: &Scene,
     content: &Check,
     metadata: &Metadata,
@@ -279,6 +305,10 @@ fn certified(
                 faults.push("it is of other settings".to_owned());
             }
             faults.extend(differences(&certificate.measured, &measured));
+            faults.extend(unmet(&certificate, found));
+            if !certify::is_of_this_kind(&certificate) {
+                faults.push("its truth, filter or random numbers are not those of this program".to_owned());
+            }
         }
     }
     Certified { holds: faults.is_empty(), faults, measured }
@@ -303,24 +333,37 @@ fn near(a: f64, b: f64) -> bool {
     a == b || (a - b).abs() <= SAME * a.abs().max(b.abs())
 }
 
-/// Figures that are not as certified.
+/// What is stated of a goal, and is not so. The pilots, and what was baked before, are not tried again.
+fn unmet(certificate: &Certificate, found: &FieldDifference) -> Option<String> {
+    let reached = certificate.goal.as_ref()?;
+    let [achieved, at_most] = reached.goal.metric.of(found)?;
+    let is_so = near(reached.achieved, achieved)
+        && near(reached.at_most, at_most)
+        && at_most <= reached.goal.limit * (1.0 + SAME);
+    (!is_so).then(|| format!("its goal: {} was measured, at most {at_most}", achieved))
+}
+
+/// Figures that are not as certified, by their places.
 fn differences(stated: &Measured, found: &Measured) -> Vec<String> {
-    let figures = |measured: &Measured| {
-        let (errors, depth) = (&measured.errors, &measured.optical_depth);
-        [
-            ("L1", errors.l1.absolute),
-            ("L2", errors.l2.absolute),
-            ("largest error", errors.max.absolute),
-            ("99.9 percentile", errors.p999.absolute),
-            ("bias", errors.bias.absolute),
-            ("optical depth", depth.l2.absolute),
-            ("mass", measured.mass.of[1]),
-        ]
-    };
-    (figures(stated).into_iter().zip(figures(found)))
-        .filter(|((_, stated), (_, found))| !near(*stated, *found))
-        .map(|((name, stated), (_, found))| format!("{name}: {stated} is stated, and {found} was measured"))
-        .collect()
+    let mut faults = Vec::new();
+    match (serde_json::to_value(stated), serde_json::to_value(found)) {
+        (Ok(stated), Ok(found)) => compare("", &stated, &found, &mut faults),
+        _ => faults.push("it makes no sense".to_owned()),
+    }
+    faults
+}
+
+fn compare(place: &str, stated: &serde_json::Value, found: &serde_json::Value, faults: &mut Vec<String>) {
+    use serde_json::Value;
+    match (stated, found) {
+        (Value::Object(a), Value::Object(b)) => {
+            for (key, b) in b {
+                compare(&format!("{place} {key}"), a.get(key).unwrap_or(&Value::Null), b, faults);
+            }
+        }
+        (a, b) if same_numbers(a, b) => {}
+        (a, b) => faults.push(format!("{}: {a} is stated, and {b} was measured", place.trim_start())),
+    }
 }
 
 /// Writes what statistics are made from.
@@ -371,6 +414,9 @@ fn human(report: &Report) -> String {
             text::count(report.bricks_that_differ)
         ),
     );
+    if !report.placed {
+        table.row("voxels", "are of another size than the recipe's, or elsewhere");
+    }
     if let Some(at) = report.outside {
         table.row("", format!("the leaf at {at:?} lies where the scene can have no density"));
     }

@@ -90,6 +90,16 @@ impl Measured {
     }
 }
 
+/// Points that see density, at least, where that can be had with no more than so many times the points.
+const SEEN: usize = 10_000;
+const MOST: usize = 16;
+
+/// Points where there is density, or voxels have it.
+fn seen(residuals: &Residuals) -> usize {
+    let [truth, values] = &residuals.values;
+    truth.iter().zip(values).filter(|(truth, value)| **truth != 0.0 || **value != 0.0).count()
+}
+
 /// Measures a file's values against the definition of its scene's density, at points over all that the bake shows and along
 /// rays through them: the same figures at every run. On the current `rayon` pool.
 ///
@@ -112,8 +122,10 @@ pub fn measure(
     let file = Gridded::new(tree, rows(lattice), look.filter).ok_or(PlanError::TooWide)?;
     let compared = |points| compare_at(&exact, &file as &dyn Source, &places(points), look.rays);
     let (mut found, mut residuals) = compared(look.points);
-    if is_vague(found.intervals.as_ref()) {
-        (found, residuals) = compared(MORE * look.points);
+    let mut points = look.points;
+    while (is_vague(found.intervals.as_ref()) || seen(&residuals) < SEEN) && points < MOST * look.points {
+        points *= MORE;
+        (found, residuals) = compared(points);
     }
     let [truth, values] = &residuals.values;
     let parts = survey.parts_of(&lot, &residuals.points, truth, values)?;

@@ -259,17 +259,42 @@ fn verify_finds_one_voxel() {
     assert_eq!((&bad["bricks_that_differ"], &bad["certificate"]["holds"]), (&1.into(), &false.into()));
     assert!(errors(&output).contains("is not what its recipe makes"), "{}", errors(&output));
 
-    // A certificate that promises more than there is.
+    // A certificate that promises more than there is, in any figure.
     let bytes = folder.get("bent.vdb");
-    let place = bytes.windows(15).position(|part| part == b"\"max\":{\"absolut").expect("a figure");
-    let mut better = bytes.clone();
-    let digit = (place + 15..).find(|at| (b'1'..=b'9').contains(&better[*at])).expect("a digit");
-    better[digit] = if better[digit] == b'1' { b'2' } else { b'1' };
-    folder.put("better.vdb", &better);
-    let output = folder.run(&["verify", "better.vdb", "--json"]);
+    for (figure, place) in [
+        (&b"\"max\":{\"absolute\":"[..], "errors max absolute"),
+        (b"\"relative_l2\":[", "intervals relative_l2"),
+        (b"\"whole\":{\"rms\":", "parts whole rms"),
+        (b"\"ratio\":", "ratio"),
+    ] {
+        let found = bytes.windows(figure.len()).position(|part| part == figure).expect("a figure");
+        let mut better = bytes.clone();
+        let digit =
+            (found + figure.len()..).find(|at| (b'1'..=b'9').contains(&better[*at])).expect("a digit");
+        better[digit] = if better[digit] == b'1' { b'2' } else { b'1' };
+        folder.put("better.vdb", &better);
+        let output = folder.run(&["verify", "better.vdb", "--json"]);
+        let bad: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        assert_eq!((code(&output), &bad["content_hash"]["holds"]), (4, &true.into()), "{place}");
+        let fault = bad["certificate"]["faults"][0].as_str().expect("a fault");
+        assert!(fault.contains(place), "{fault}");
+    }
+
+    // The same values in voxels of another size: the map holds the size as a double, more than once.
+    let size = real(&folder.json(&["info", "bent.vdb"])["grids"][0]["voxel_size"][0]).to_le_bytes();
+    let places: Vec<usize> = (0..bytes.len() - 8).filter(|at| bytes[*at..*at + 8] == size).collect();
+    assert!(!places.is_empty());
+    let mut larger = bytes.clone();
+    for at in places {
+        larger[at..at + 8].copy_from_slice(&(2.0 * f64::from_le_bytes(size)).to_le_bytes());
+    }
+    folder.put("larger.vdb", &larger);
+    let output = folder.run(&["verify", "larger.vdb", "--json"]);
     let bad: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!((code(&output), &bad["content_hash"]["holds"]), (4, &true.into()));
-    assert!(bad["certificate"]["faults"][0].as_str().is_some_and(|text| text.contains("largest")), "{bad}");
+    assert_eq!(
+        (code(&output), &bad["placed"], &bad["content_hash"]["holds"]),
+        (4, &false.into(), &true.into())
+    );
 
     // What carries no recipe cannot be verified.
     assert_eq!(code(&folder.run(&["verify", "bent.toml"])), 3);

@@ -23,7 +23,7 @@ fn every_axis_has_its_rows_with_errors_and_times() {
     assert_eq!(serde_json::from_slice::<Value>(&folder.get("out.json")).expect("JSON"), report);
     assert_eq!((&report["version"], &report["left_out"]), (&1.into(), &Value::Array(vec![])));
     for (group, count) in [
-        ("voxel size and filter", 24),
+        ("voxel size and filter", 30),
         ("precision and codec", 5),
         ("octaves", 5),
         ("baked", 3),

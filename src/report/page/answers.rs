@@ -1,5 +1,6 @@
 //! Which setting for which error.
 
+use super::held;
 use crate::report::sweep::{Kind, Report, Row};
 
 /// Errors that are answered for, as parts of the density's root mean square.
@@ -46,7 +47,8 @@ pub(super) fn answers(report: &Report) -> Vec<Answer> {
             .filter(|pair| pair.iter().all(|x| *x > 0.0 && x.is_finite()))
             .collect()
     };
-    let errors = of(|row| row.field.as_ref()?.errors.l2.of_rms);
+    // What they may be, as far as the points tell.
+    let errors = of(|row| Some(held(row)?[1]));
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let bytes = of(|row| row.cost.bytes.map(|bytes| bytes as f64));
     let seconds = of(|row| Some(row.cost.total?.median));

@@ -40,7 +40,8 @@ fn front(report: &Report, name: &'static str, title: &str, x: Axis, cost: fn(&Ro
     }
     let point = |row: &&&Row| {
         let error = row.field.as_ref()?.errors.l2.of_rms?;
-        Some(Point { at: [cost(row)?, error], interval: held(row), label: None })
+        let at = [cost(row)?, error];
+        at.iter().all(|x| *x > 0.0).then_some(Point { at, interval: held(row), label: None })
     };
     let mut series: Vec<Series> = Vec::new();
     let mut best: Vec<[f64; 2]> = bakes.iter().filter_map(|row| point(&row)).map(|point| point.at).collect();
@@ -107,9 +108,12 @@ fn octaves(report: &Report) -> Plot {
         .into_iter()
         .filter_map(|row| {
             let label = row.settings.octaves.map_or_else(|| "all".to_owned(), |octaves| octaves.to_string());
-            Some(Point { at: level(row)?, interval: held(row), label: Some(label) })
+            let at = level(row)?;
+            at.iter().all(|x| *x > 0.0).then_some(Point { at, interval: held(row), label: Some(label) })
         })
         .collect();
+    // One alone tells nothing.
+    let points = if points.len() > 1 { points } else { vec![] };
     Plot {
         name: "octaves",
         title: "What fewer octaves save".to_owned(),

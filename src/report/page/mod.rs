@@ -137,12 +137,13 @@ fn answer(report: &Report, file: &str) -> Markup {
     let answers = answers::answers(report);
     let own = answers::own(report);
     let error = |row: &Row| row.field.as_ref().and_then(|field| field.errors.l2.of_rms);
+    let is_empty = report.parts.whole.of_truth.is_none();
     let is_beyond =
         answers.iter().any(|answer| answer.setting.as_ref().is_some_and(|setting| setting.is_beyond));
     html! {
         @if let Some(row) = own {
             p {
-                "At its own voxel size, " (words::metres(report.voxel_size)) ", the scene bakes "
+                "With voxels of " (words::metres(report.voxel_size)) " the scene bakes "
                 @if let Some(error) = error(row) { "with an error of " b { (words::part(error)) } " " }
                 @if let Some(total) = row.cost.total { "in " b { (words::seconds(total.median)) } " " }
                 @if let Some(bytes) = row.cost.bytes { "to " b { (bytes_of(bytes)) } }
@@ -152,20 +153,20 @@ fn answer(report: &Report, file: &str) -> Markup {
         div.scroll {
             table {
                 thead { tr { th { "error at most" } th { "voxel" } th { "values" } th { "file" } th { "time" } th.wide { "command" } } }
-                tbody { @for answer in &answers { (answer_row(answer, file)) } }
+                tbody { @for answer in &answers { (answer_row(answer, file, report.time)) } }
             }
         }
         p.note {
-            "Errors are root mean squares over the density's support, as parts of the density's own; voxels are read trilinearly. "
+            "Errors are root mean squares over the density's support, as parts of the density's own, at the upper end of their 95\u{202f}% intervals; voxels are read trilinearly. "
             "Settings between those that were measured follow powers of the voxel size. "
             @if is_beyond { "An asterisk marks voxels smaller than all that were measured. " }
             code { "bake --max-error" } " finds a setting and checks it."
         }
-        @if let Some(pays) = &report.pays_after { (pays_after(pays)) }
+        @if let Some(pays) = report.pays_after.as_ref().filter(|_| !is_empty) { (pays_after(pays)) }
     }
 }
 
-fn answer_row(answer: &Answer, file: &str) -> Markup {
+fn answer_row(answer: &Answer, file: &str, time: f64) -> Markup {
     html! {
         tr {
             th scope="row" { (words::part(answer.error)) }
@@ -176,7 +177,8 @@ fn answer_row(answer: &Answer, file: &str) -> Markup {
                     td { (words::bytes(setting.bytes)) }
                     td { (words::seconds(setting.seconds)) }
                     td.wide { code {
-                        "vdbake bake " (file) " --voxel-size " (setting.voxel_size)
+                        "vdbake bake " (words::quoted(file)) " --voxel-size " (setting.voxel_size)
+                        @if time != 0.0 { " --time " (time) }
                         @if setting.is_half { " --precision f16" }
                     } }
                 }
@@ -211,7 +213,7 @@ fn parts(report: &Report) -> Markup {
                 (row("model", "octaves faded and thin parts widened for the voxel size", |parts| parts.model))
                 (row("quantisation", "the precision in which values are stored", |parts| parts.quantisation))
                 (row("rounding", "single precision in the evaluation", |parts| parts.rounding))
-                (row("whole", "all of it, at the scene's own voxel size", |parts| parts.whole))
+                (row("whole", "all of it, at this voxel size", |parts| parts.whole))
             }
         } }
         @if let Some(parts) = &report.image_parts { (image_parts(parts)) }

@@ -210,6 +210,7 @@ impl Plot {
         let ys = Log::around(heights.flatten(), [0.08, 0.08], y.format);
         let mut chart = ChartBuilder::on(root)
             .margin(pen.pixels(8.0))
+            .margin_right(pen.pixels(24.0))
             .caption(&self.title, pen.text(LETTERS + 2.0, &INK))
             .x_label_area_size(pen.pixels(40.0))
             .y_label_area_size(pen.pixels(58.0))

@@ -4,7 +4,10 @@ use bytesize::ByteSize;
 
 /// Three significant digits, without a tail of zeros.
 pub(super) fn figure(x: f64) -> String {
-    if x == 0.0 || !x.is_finite() {
+    if x == 0.0 {
+        return "0".to_owned();
+    }
+    if !x.is_finite() {
         return format!("{x}");
     }
     let magnitude = x.abs();
@@ -42,6 +45,15 @@ pub(super) fn bytes(x: f64) -> String {
     ByteSize::b(whole).display().si().to_string()
 }
 
+/// A word of a command line, so that a shell takes it as it is.
+pub(super) fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_./-+=:,@%".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
 /// With spaces between thousands.
 pub(super) fn count(n: u64) -> String {
     let digits = n.to_string();
@@ -58,6 +70,13 @@ pub(super) fn count(n: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shells_take_words_as_they_are() {
+        let words = ["scenes/a-1.toml", "a b", "<b>\"x\"&y", "it's", ""].map(quoted);
+        assert_eq!(words, ["scenes/a-1.toml", "'a b'", "'<b>\"x\"&y'", "'it'\\''s'", "''"]);
+        assert_eq!(figure(-0.0), "0");
+    }
 
     #[test]
     fn three_digits_are_shown() {

@@ -187,8 +187,9 @@ impl Run<'_> {
                 (precision_name(encoder.precision()), compression_name(encoder.compression()));
             let command = octaves.is_none().then(|| {
                 format!(
-                    "vdbake bake SCENE --voxel-size {:?} --precision {precision} --compression {compression}",
-                    lattice.voxel_size
+                    "vdbake bake SCENE --voxel-size {:?} --precision {precision} --compression {compression}{}",
+                    lattice.voxel_size,
+                    self.at_time()
                 )
             });
             self.rows.push(Row {

@@ -105,6 +105,16 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
+    /// The options of the scene's time, and of a picture's size.
+    fn at_time(&self) -> String {
+        let seconds = self.scene.seconds();
+        if seconds == 0.0 { String::new() } else { format!(" --time {seconds:?}") }
+    }
+
+    fn of_size(&self) -> String {
+        format!(" --size {}x{}", self.effort.size[0], self.effort.size[1])
+    }
+
     /// What bakes are looked at by.
     fn look(&self, precision: Precision, filter: Filter) -> Look {
         Look { points: self.effort.points, rays: self.effort.rays, stream: 0x7377_6565, filter, precision }

@@ -128,8 +128,10 @@ impl Run<'_> {
                 let (film, cost) =
                     self.baked(lattice, Precision::F32, DEFAULT, &best.view, self.effort.repeats)?;
                 let command = format!(
-                    "vdbake bake SCENE --voxel-size {:?} -o BAKED.vdb && vdbake render BAKED.vdb -o IMG",
-                    lattice.voxel_size
+                    "vdbake bake SCENE --voxel-size {:?}{} -o BAKED.vdb && vdbake render BAKED.vdb -o IMG{}",
+                    lattice.voxel_size,
+                    self.at_time(),
+                    self.of_size()
                 );
                 self.row("baked", label, (lattice, None, None), Some(command), &best, &film, cost);
             }
@@ -205,11 +207,13 @@ impl Run<'_> {
                 self.procedural(self.scene, self.lattice, way, &best.view, self.effort.repeats)?;
             let Marching { method, growth, entry, map_every } = way.marching;
             let mut command = format!(
-                "vdbake render SCENE -o IMG --voxel-size {:?} --step {} --cutoff {:?} --method {}",
+                "vdbake render SCENE -o IMG --voxel-size {:?} --step {} --cutoff {:?} --method {}{}{}",
                 self.lattice.voxel_size,
                 way.step,
                 way.cutoff,
-                method_name(method)
+                method_name(method),
+                self.at_time(),
+                self.of_size()
             );
             if method != Method::Gauss {
                 let entry = match entry {

@@ -190,7 +190,9 @@ impl Spread {
     pub fn of(mut seconds: Vec<f64>) -> Option<Spread> {
         seconds.sort_unstable_by(f64::total_cmp);
         let (least, most) = (*seconds.first()?, *seconds.last()?);
-        Some(Spread { median: seconds[seconds.len() / 2], least, most, count: seconds.len() })
+        let (half, odd) = (seconds.len() / 2, seconds.len() % 2 == 1);
+        let median = if odd { seconds[half] } else { 0.5 * (seconds[half - 1] + seconds[half]) };
+        Some(Spread { median, least, most, count: seconds.len() })
     }
 }
 
