@@ -15,7 +15,7 @@ const THREAD: u64 = 384 << 10;
 /// Bytes besides for each thread that makes zlib streams.
 const ZLIB: u64 = 256 << 10;
 /// Bytes of the program itself that a bake comes to use.
-const WORKING: u64 = 768 << 10;
+const WORKING: u64 = 1408 << 10;
 /// Bytes for putting the file together: an upper node, what encodes it, and what is read of a spool at once.
 const WRITING: u64 = 3 << 19;
 /// Times that a bake repeats the scene's text, for the file.
