@@ -8,7 +8,7 @@ const ASKED: [f64; 6] = [0.2, 0.1, 0.05, 0.02, 0.01, 0.005];
 /// Voxels are answered for that are no smaller than this part of the smallest that were measured.
 const BEYOND: f64 = 0.25;
 /// Half precision is proposed where it adds no more than this part to the error.
-const HARDLY: f64 = 0.05;
+const HARDLY: f64 = 5e-4;
 
 /// The groups of bakes at other voxel sizes, and in other forms.
 pub(super) const SIZES: &str = "voxel size and filter";
