@@ -87,7 +87,9 @@ struct Report {
     outside: Option<[i32; 3]>,
     /// Whether its voxels are as large as the recipe has them, and where.
     placed: bool,
-    /// Grids beside the density, which are not looked at.
+    /// Grids of the density's name: one is as it should be.
+    densities: usize,
+    /// Grids beside it, which are not looked at.
     other_grids: usize,
     /// Null where there is none.
     certificate: Option<Certified>,
@@ -188,10 +190,10 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         let others = text::number(other_grids as u64, "other grid");
         global.note(&format!("{others} in the file: the recipe says nothing of what they hold"));
     }
-    let several = grids.len() - other_grids > 1;
+    let densities = grids.len() - other_grids;
     let holds = content.holds
         && placed
-        && !several
+        && densities == 1
         && differ == 0
         && outside.is_none()
         && same_settings(&recipe, &scene)
@@ -205,6 +207,7 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         first_brick: first,
         outside,
         placed,
+        densities,
         other_grids,
         certificate: certified,
         exported,
@@ -414,6 +417,9 @@ fn human(report: &Report) -> String {
             text::count(report.bricks_that_differ)
         ),
     );
+    if report.densities > 1 {
+        table.row("grids", format!("{} are named density, and a bake has one", report.densities));
+    }
     if !report.placed {
         table.row("voxels", "are of another size than the recipe's, or elsewhere");
     }

@@ -18,6 +18,28 @@ pub struct Chord {
     pub range: [f64; 2],
 }
 
+impl Chord {
+    /// Places and weights of a rule over equal stretches of a range, none longer than `step`, in metres.
+    pub(super) fn stretches(
+        &self,
+        [from, to]: [f64; 2],
+        step: f64,
+        rule: &[[f64; 2]],
+        nodes: &mut Vec<(DVec3, f64)>,
+    ) {
+        let pieces = ((to - from) / step).ceil().max(1.0);
+        let length = (to - from) / pieces;
+        let mut piece = 0.0;
+        while piece < pieces {
+            for [place, weight] in rule {
+                let t = from + (piece + place) * length;
+                nodes.push((self.origin + self.direction * t, weight * length));
+            }
+            piece += 1.0;
+        }
+    }
+}
+
 /// Chords of a box, each through one of `points` in a direction of its own, all directions alike: `count` of them, or as many
 /// as there are points.
 pub fn chords(bounds: [DVec3; 2], points: &[DVec3], count: usize) -> Vec<Chord> {

@@ -131,16 +131,7 @@ impl Procedural {
             if self.plan.find(brick).is_none() {
                 continue;
             }
-            let pieces = ((to - from) / h).ceil().max(1.0);
-            let length = (to - from) / pieces;
-            let mut piece = 0.0;
-            while piece < pieces {
-                for [place, weight] in rule {
-                    let t = from + (piece + place) * length;
-                    nodes.push((chord.origin + chord.direction * t, weight * length));
-                }
-                piece += 1.0;
-            }
+            chord.stretches([from, to], h, rule, &mut nodes);
         }
         nodes
     }

@@ -205,16 +205,9 @@ fn near(plan: &Plan, point: DVec3) -> bool {
 /// Places and weights along a chord.
 fn along(chord: &Chord, step: f64, rule: &[[f64; 2]]) -> Vec<(DVec3, f64)> {
     let [from, to] = chord.range;
-    let pieces = ((to - from) / step).ceil().clamp(1.0, 1e6);
-    let length = (to - from) / pieces;
+    // No more than a million stretches of each.
+    let step = step.max((to - from) * 1e-6);
     let mut nodes = Vec::new();
-    let mut piece = 0.0;
-    while piece < pieces {
-        for [place, weight] in rule {
-            let t = from + (piece + place) * length;
-            nodes.push((chord.origin + chord.direction * t, weight * length));
-        }
-        piece += 1.0;
-    }
+    chord.stretches([from, to], step, rule, &mut nodes);
     nodes
 }
