@@ -14,10 +14,12 @@
 //! | [`march`] | cameras, lights, and how light goes through a medium: pictures |
 //! | [`formats`] | file formats, over `Write` and `Read`, never a path |
 //! | [`report`] | metrics: how fields, and images, differ |
+//! | [`check`] | stiff and extreme cases, and what of a scene is hazardous |
 //! | [`cli`] | arguments, files, progress and exit codes; no numerics |
 //!
 //! Space is right-handed, z up, in metres and seconds. Vectors are columns.
 
+pub mod check;
 pub mod cli;
 pub mod curve;
 pub mod field;

@@ -19,6 +19,7 @@ use super::mass::Mass;
 use super::output::{Output, save};
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, disk, machine, print, text};
+use crate::check::hazards;
 use crate::formats::vdb::{self, FileHeader, Meta, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
 use crate::report::Certificate;
@@ -146,6 +147,10 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
             planning = None;
             if told.insert(text::warnings(job.scene.warnings())) {
                 progress.aside(|| global.warn_of(job.scene.warnings()));
+            }
+            // What moves may be hazardous at other times, too; `check` looks at all of them.
+            if index == 0 && round == 1 {
+                progress.aside(|| global.warn_of_hazards(&hazards(&job.scene, job.lattice)));
             }
             let baked = bake(
                 &job,

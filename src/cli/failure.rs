@@ -125,7 +125,16 @@ impl From<SceneErrors> for Failure {
 
 /// Whether standard error takes colours.
 pub(super) fn colours() -> bool {
+    coloured(io::stderr().is_terminal())
+}
+
+/// Whether standard output does.
+pub(super) fn colours_out() -> bool {
+    coloured(io::stdout().is_terminal())
+}
+
+fn coloured(is_terminal: bool) -> bool {
     let unset = |name| std::env::var_os(name).is_none_or(|value| value.is_empty());
     let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
-    io::stderr().is_terminal() && unset("NO_COLOR") && !dumb
+    is_terminal && unset("NO_COLOR") && !dumb
 }

@@ -6,6 +6,7 @@
 mod accuracy;
 mod bake;
 mod certify;
+mod check;
 mod compare;
 mod convert;
 mod disk;
@@ -38,7 +39,8 @@ use serde::Serialize;
 
 pub use failure::Failure;
 
-use crate::scene::Warnings;
+use crate::check::Hazard;
+use crate::scene::{Warnings, Weight};
 
 /// Bakes procedural density, sculpted along spline tubes, into sparse OpenVDB grids
 #[derive(Debug, Parser)]
@@ -83,6 +85,8 @@ enum Command {
     Info(info::Arguments),
     /// Measure what each accuracy of a scene costs
     Report(report::Arguments),
+    /// Check numerical stability: of the program in stiff and extreme cases, or of a scene
+    Check(check::Arguments),
     /// Check that an OpenVDB file is what its recipe makes, and its certificate
     Verify(verify::Arguments),
 }
@@ -105,6 +109,7 @@ impl Cli {
             Command::Convert(arguments) => convert::run(arguments, &self.global),
             Command::Info(arguments) => info::run(arguments, &self.global),
             Command::Report(arguments) => report::run(arguments, &self.global),
+            Command::Check(arguments) => check::run(arguments, &self.global),
             Command::Verify(arguments) => verify::run(arguments, &self.global),
         }
     }
@@ -152,6 +157,14 @@ impl Global {
         }
         let text = if failure::colours() { warnings.to_coloured() } else { warnings.to_string() };
         let _ = writeln!(io::stderr(), "{text}\n");
+    }
+
+    /// Tells what of a scene will not come out as it says, each at its place.
+    fn warn_of_hazards(&self, hazards: &[Hazard]) {
+        for hazard in hazards.iter().filter(|hazard| !self.quiet && hazard.weight() == Weight::Serious) {
+            // Where standard error is closed there is nobody to tell.
+            let _ = writeln!(io::stderr(), "{}\n", hazard.remark().show(failure::colours()));
+        }
     }
 
     /// The threads to work with, of which this is one: what is handed to them is begun here. So all frames of a sequence take

@@ -12,6 +12,7 @@ use super::output::save;
 use super::progress::Progress;
 use super::sample::unplanned;
 use super::{Failure, Global, text};
+use crate::check::{families, section};
 use crate::field::Lattice;
 use crate::report::TrialError;
 use crate::report::page::{PageError, drawings, galleries, page};
@@ -137,7 +138,10 @@ fn files(
                 files.push((beside(output, plot.name, "svg"), plot.svg.into_bytes()));
                 files.push((beside(output, plot.name, "png"), plot.png));
             }
-            let page = page(report, &arguments.scene.display().to_string(), &shots).map_err(drawn)?;
+            let more = section(&families(&|_| true, &mut goes_on)).map_err(drawn)?;
+            interrupt.check()?;
+            let page =
+                page(report, &arguments.scene.display().to_string(), &shots, vec![more]).map_err(drawn)?;
             files.push((output.clone(), page.into_bytes()));
             Ok(files)
         }

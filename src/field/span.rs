@@ -40,6 +40,11 @@ pub(crate) struct Span {
     pub(crate) gain: Option<[f64; TERMS]>,
 }
 
+/// How far the axis is from its place at tau = 0.
+fn along(position: &[DVec3; 4], tau: f64) -> DVec3 {
+    ((position[3] * tau + position[2]) * tau + position[1]) * tau
+}
+
 /// What a span is fitted to: the axis of one tube with its radius.
 pub(crate) struct Axis<'a> {
     pub(crate) curve: &'a Curve,
@@ -127,12 +132,13 @@ impl Axis<'_> {
         let across = [0, 1].map(|i| {
             interpolate(&sections.each_ref().map(|s| s.axes[i] * (1.0 / self.radius.divisor(s.radius))))
         });
+        // From the middle and not as a difference of places, which far from the origin are rounded to more than a tolerance.
+        let from_middle = NODES.map(|tau| along(&position, tau));
         let offset = [0, 1].map(|i| {
-            interpolate(
-                &sections
-                    .each_ref()
-                    .map(|s| (s.centre - position[0]).dot(s.axes[i]) / self.radius.divisor(s.radius)),
-            )
+            interpolate(&std::array::from_fn(|node| {
+                let section: &Section = &sections[node];
+                from_middle[node].dot(section.axes[i]) / self.radius.divisor(section.radius)
+            }))
         });
         Span {
             core,
@@ -164,7 +170,8 @@ impl Axis<'_> {
             let arc_error = (arc - s.arc).abs() / (s.radius + length);
             let corners = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
             let across_error = corners.iter().fold(0.0_f64, |worst, &uv| {
-                let p = s.centre + (s.axes[0] * uv[0] + s.axes[1] * uv[1]) * s.radius - span.position[0];
+                let p =
+                    along(&span.position, tau_inside) + (s.axes[0] * uv[0] + s.axes[1] * uv[1]) * s.radius;
                 let found = [0, 1].map(|i| {
                     p.dot(evaluate(&span.across[i], tau_inside)) - evaluate(&span.offset[i], tau_inside)
                 });

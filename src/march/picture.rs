@@ -18,6 +18,9 @@ use super::shadow::Shadows;
 use super::tiles::{TILE, Tiles};
 use crate::num::Level;
 
+/// An optical depth behind which nothing is left of the light, in single precision: e^-104 is half of the smallest number.
+const DARK: f64 = 104.0;
+
 /// How a picture is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
@@ -202,7 +205,8 @@ impl<'a> Picture<'a> {
     /// whether to go on. Where it does not, the sample is given up, and the result is `false`.
     pub fn sample(&mut self, done: impl Fn(usize) -> bool + Sync) -> bool {
         let at = jitter(self.film.samples);
-        let wanted = Wanted { deepest: -libm::log(self.quality.cutoff), extinction: self.optics.extinction };
+        let deepest = (-libm::log(self.quality.cutoff)).min(DARK);
+        let wanted = Wanted { deepest, extinction: self.optics.extinction };
         let found: Option<Vec<Vec<Pixel>>> = (0..self.tiles.count())
             .into_par_iter()
             .with_max_len(1)

@@ -27,6 +27,22 @@ impl Level {
         Level(fearless_simd::Level::new())
     }
 
+    /// All that this processor has and the program is compiled for, from the least to the best: bits do not depend on
+    /// which of them does the work.
+    pub fn all() -> Vec<Level> {
+        let best = Level::best();
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        let levels = [
+            best.0.as_sse2().map(fearless_simd::Level::Sse2),
+            best.0.as_sse4_2().map(fearless_simd::Level::Sse4_2),
+            best.0.as_avx2().map(fearless_simd::Level::Avx2),
+            best.0.as_avx512().map(fearless_simd::Level::Avx512),
+        ];
+        #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+        let levels = [Some(best.0)];
+        levels.into_iter().flatten().map(Level).collect()
+    }
+
     /// A short name such as `avx2`.
     pub fn name(self) -> String {
         let debug = format!("{:?}", self.0);

@@ -23,7 +23,7 @@ mod image;
 mod order;
 pub mod page;
 mod parts;
-mod random;
+pub(crate) mod random;
 mod ray;
 mod search;
 mod source;

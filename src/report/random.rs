@@ -2,20 +2,20 @@
 
 /// 64 bits for a place in a stream: the finaliser of splitmix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number
 /// generators", 2014), applied to the stream and, with the counter, once more.
-pub(super) fn bits(stream: u64, counter: u64) -> u64 {
+pub(crate) fn bits(stream: u64, counter: u64) -> u64 {
     const STEP: u64 = 0x9E37_79B9_7F4A_7C15;
     mix(mix(stream.wrapping_add(STEP)).wrapping_add(counter.wrapping_mul(STEP)))
 }
 
 /// A number in [0, 1), a multiple of 2^-53.
-pub(super) fn unit(stream: u64, counter: u64) -> f64 {
+pub(crate) fn unit(stream: u64, counter: u64) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "53 bits")]
     let high = (bits(stream, counter) >> 11) as f64;
     high / 9_007_199_254_740_992.0
 }
 
 /// A number below `count`, which is small beside 2^64.
-pub(super) fn below(stream: u64, counter: u64, count: usize) -> usize {
+pub(crate) fn below(stream: u64, counter: u64, count: usize) -> usize {
     let scaled = (u128::from(bits(stream, counter)) * count as u128) >> 64;
     usize::try_from(scaled).unwrap_or(0)
 }

@@ -95,6 +95,19 @@ impl<'a> Survey<'a> {
         })
     }
 
+    /// All errors of a pilot at points, and their intervals.
+    ///
+    /// # Errors
+    ///
+    /// Where the bricks cannot be planned.
+    pub fn errors(&self, lot: &Lot) -> Result<(Errors, Option<Intervals>), TrialError> {
+        let points = around(&lot.whole()?, MARGIN, self.look.points, self.look.stream).points;
+        let truth = Exact::at(&self.exact, &points);
+        let stored = lot.values(&points, self.look.filter, self.encoder())?;
+        let errors = Errors::new(truth.iter().copied().zip(stored.iter().copied()), None);
+        Ok((errors, intervals(&truth, &stored)))
+    }
+
     /// The error at a voxel size in metres taken apart.
     ///
     /// # Errors

@@ -71,6 +71,11 @@ impl Fault {
         &self.span
     }
 
+    /// What may help.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     /// Line of the fault, the first is 1.
     pub fn line(&self) -> usize {
         self.line
@@ -155,7 +160,7 @@ pub struct SceneErrors {
 }
 
 impl SceneErrors {
-    fn new(origin: &str, text: &str, mut faults: Vec<Fault>, more: usize) -> SceneErrors {
+    pub(super) fn new(origin: &str, text: &str, mut faults: Vec<Fault>, more: usize) -> SceneErrors {
         let starts = line_starts(text);
         for fault in &mut faults {
             let (line, column) = place(text, &starts, fault.span.start);
@@ -191,6 +196,12 @@ impl SceneErrors {
     /// As `Display` shows it, in colours for a terminal.
     pub fn to_coloured(&self) -> String {
         self.render(&Renderer::styled(), Level::ERROR)
+    }
+
+    /// As `Display` shows it, but of another level than an error.
+    pub(super) fn show(&self, level: Level<'static>, coloured: bool) -> String {
+        let renderer = if coloured { Renderer::styled() } else { Renderer::plain() };
+        self.render(&renderer, level)
     }
 
     fn render(&self, renderer: &Renderer, level: Level<'static>) -> String {

@@ -22,6 +22,7 @@ mod parse;
 mod profile;
 mod ramp;
 mod reader;
+mod remark;
 mod rows;
 mod seams;
 mod syntax;
@@ -35,6 +36,7 @@ pub use crate::noise::Form;
 pub use error::{Fault, SceneErrors, Warnings};
 pub use input::{Input, Load, MOST_INPUT};
 pub use ramp::{ColorRamp, Ramp, TemperatureRamp};
+pub use remark::{Key, Remark, Weight};
 
 use crate::curve::{Curve, FrameRule, Profile};
 

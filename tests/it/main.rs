@@ -4,6 +4,7 @@
 mod accuracy;
 mod animation;
 mod antialias;
+mod check;
 mod cli;
 mod compare;
 mod consumers;

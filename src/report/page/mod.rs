@@ -2,20 +2,22 @@
 
 mod answers;
 mod charts;
+mod document;
 mod gallery;
-mod plot;
-mod words;
+pub(crate) mod plot;
+pub(crate) mod words;
 
 use std::io::Cursor;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::sweep::{ImageParts, Kind, PaysAfter, Report, Row};
 use super::{Part, Parts};
 use crate::formats::png;
 use answers::Answer;
+pub use document::{Section, document};
 pub use gallery::galleries;
 pub use plot::PlotError;
 
@@ -82,55 +84,45 @@ pub fn drawings(report: &Report) -> Result<Vec<Drawing>, PageError> {
         .collect()
 }
 
-/// The page of a scene that was read from `file`.
+/// The page of a scene that was read from `file`, with sections that others have for it.
 ///
 /// # Errors
 ///
 /// [`PageError`].
-pub fn page(report: &Report, file: &str, galleries: &[Gallery]) -> Result<String, PageError> {
+pub fn page(
+    report: &Report,
+    file: &str,
+    galleries: &[Gallery],
+    more: Vec<Section>,
+) -> Result<String, PageError> {
     let mut plots = Vec::new();
     for plot in charts::charts(report) {
-        let opening = format!("<svg role=\"img\" aria-label=\"{}\" ", plot.title);
-        plots.push(plot.svg(false)?.replacen("<svg ", &opening, 1));
+        plots.push(plot.figure()?);
     }
     let mut pictures = Vec::new();
     for gallery in galleries {
         pictures.push(show(gallery)?);
     }
+    let mut sections = vec![
+        Section::new("Which setting for which error", answer(report, file)),
+        Section::new(
+            "Error and cost",
+            html! {
+                p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best of all." }
+                div.plots { @for plot in &plots { figure { (PreEscaped(plot)) } } }
+            },
+        ),
+        Section::new("Where the error comes from", parts(report)),
+    ];
+    for (gallery, shown) in galleries.iter().zip(&pictures) {
+        sections.push(Section::new(gallery.title, html! { p { (gallery.text) } (shown) }));
+    }
+    sections.extend(more);
+    sections.push(Section::new("All figures", tables(report)));
+    sections.push(Section::new("How it was measured", method(report)));
     let title = format!("{}: error against run time", report.scene);
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { (title) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                header {
-                    h1 { (report.scene) }
-                    p.lead { "What each accuracy costs: a bake's error against the density that the scene defines." }
-                }
-                main {
-                    section { h2 { "Which setting for which error" } (answer(report, file)) }
-                    section {
-                        h2 { "Error and cost" }
-                        p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best of all." }
-                        div.plots { @for plot in &plots { figure { (PreEscaped(plot)) } } }
-                    }
-                    section { h2 { "Where the error comes from" } (parts(report)) }
-                    @for (gallery, shown) in galleries.iter().zip(&pictures) {
-                        section { h2 { (gallery.title) } p { (gallery.text) } (shown) }
-                    }
-                    section { h2 { "All figures" } (tables(report)) }
-                    section { h2 { "How it was measured" } (method(report)) }
-                }
-            }
-        }
-    };
-    Ok(page.into_string())
+    let lead = "What each accuracy costs: a bake's error against the density that the scene defines.";
+    Ok(document(&title, &report.scene, lead, &sections))
 }
 
 fn answer(report: &Report, file: &str) -> Markup {
@@ -385,5 +377,3 @@ fn method(report: &Report) -> Markup {
         }
     }
 }
-
-const STYLE: &str = include_str!("style.css");

@@ -15,7 +15,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontStyle, IntoFont, RGBColor, ShapeStyle, TextStyle, register_font};
 
 /// Pixels of a plot; a PNG has twice as many.
-pub(super) const SIZE: [u32; 2] = [480, 360];
+pub(crate) const SIZE: [u32; 2] = [480, 360];
 /// Height of letters, in pixels.
 const LETTERS: f64 = 13.0;
 
@@ -23,10 +23,10 @@ const LETTERS: f64 = 13.0;
 const BESIDE: f64 = 9.0;
 
 /// Ink, and lines that only help the eye.
-pub(super) static INK: RGBColor = RGBColor(0x20, 0x21, 0x24);
-pub(super) static FAINT: RGBColor = RGBColor(0xd4, 0xd6, 0xda);
+pub(crate) static INK: RGBColor = RGBColor(0x20, 0x21, 0x24);
+pub(crate) static FAINT: RGBColor = RGBColor(0xd4, 0xd6, 0xda);
 /// Colours that people with any sight of colours tell apart (Okabe and Ito 2008).
-pub(super) static COLOURS: [RGBColor; 6] = [
+pub(crate) static COLOURS: [RGBColor; 6] = [
     RGBColor(0x00, 0x72, 0xb2),
     RGBColor(0xd5, 0x5e, 0x00),
     RGBColor(0x00, 0x9e, 0x73),
@@ -42,33 +42,33 @@ pub struct PlotError(String);
 
 /// A plot of logarithmic axes.
 #[derive(Debug, Clone)]
-pub(super) struct Plot {
+pub(crate) struct Plot {
     /// A word for file names.
-    pub(super) name: &'static str,
-    pub(super) title: String,
+    pub(crate) name: &'static str,
+    pub(crate) title: String,
     /// Along x and y.
-    pub(super) axes: [Axis; 2],
-    pub(super) series: Vec<Series>,
+    pub(crate) axes: [Axis; 2],
+    pub(crate) series: Vec<Series>,
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Axis {
-    pub(super) label: &'static str,
+pub(crate) struct Axis {
+    pub(crate) label: &'static str,
     /// A number on the axis in words.
-    pub(super) format: fn(f64) -> String,
+    pub(crate) format: fn(f64) -> String,
 }
 
 /// Points of one kind.
 #[derive(Debug, Clone)]
-pub(super) struct Series {
-    pub(super) name: String,
-    pub(super) look: Look,
-    pub(super) points: Vec<Point>,
+pub(crate) struct Series {
+    pub(crate) name: String,
+    pub(crate) look: Look,
+    pub(crate) points: Vec<Point>,
 }
 
 /// How a series looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Look {
+pub(crate) enum Look {
     /// Marks of kind and colour number n.
     Marks(usize),
     /// The same, joined by a line.
@@ -78,11 +78,11 @@ pub(super) enum Look {
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Point {
-    pub(super) at: [f64; 2],
+pub(crate) struct Point {
+    pub(crate) at: [f64; 2],
     /// Of y.
-    pub(super) interval: Option<[f64; 2]>,
-    pub(super) label: Option<String>,
+    pub(crate) interval: Option<[f64; 2]>,
+    pub(crate) label: Option<String>,
 }
 
 /// A logarithmic axis whose marks are at 1, 2 and 5 times powers of ten.
@@ -124,18 +124,22 @@ impl Ranged for Log {
     }
 
     fn key_points<H: KeyPointHint>(&self, hint: H) -> Vec<f64> {
-        let marks = |steps: &[f64]| -> Vec<f64> {
-            let mut power = libm::pow(10.0, libm::log10(self.range.start).floor());
+        // At parts of every so many powers of ten.
+        let marks = |(steps, stride): (&[f64], f64)| -> Vec<f64> {
+            let mut exponent = (libm::log10(self.range.start) / stride).floor() * stride;
             let mut found = Vec::new();
-            while power <= self.range.end && found.len() < 100 {
+            while exponent <= libm::log10(self.range.end) && found.len() < 100 {
+                let power = libm::exp10(exponent);
                 found.extend(steps.iter().map(|step| step * power).filter(|mark| self.range.contains(mark)));
-                power *= 10.0;
+                exponent += stride;
             }
             found
         };
         let most = hint.max_num_points();
-        [&[1.0, 2.0, 5.0][..], &[1.0, 3.0], &[1.0]]
+        let coarse = [1.0, 2.0, 3.0, 6.0, 12.0, 24.0].map(|stride| (&[1.0][..], stride));
+        [(&[1.0, 2.0, 5.0][..], 1.0), (&[1.0, 3.0], 1.0)]
             .into_iter()
+            .chain(coarse)
             .map(marks)
             .find(|found| found.len() <= most)
             .unwrap_or_default()
@@ -160,7 +164,7 @@ impl Plot {
     /// # Errors
     ///
     /// [`PlotError`].
-    pub(super) fn svg(&self, background: bool) -> Result<String, PlotError> {
+    pub(crate) fn svg(&self, background: bool) -> Result<String, PlotError> {
         let mut text = String::new();
         {
             let root = SVGBackend::with_string(&mut text, (SIZE[0], SIZE[1])).into_drawing_area();
@@ -170,12 +174,22 @@ impl Plot {
         Ok(text)
     }
 
+    /// As a part of a page, with its title for those who do not see it.
+    ///
+    /// # Errors
+    ///
+    /// [`PlotError`].
+    pub(crate) fn figure(&self) -> Result<String, PlotError> {
+        let opening = format!("<svg role=\"img\" aria-label=\"{}\" ", self.title);
+        Ok(self.svg(false)?.replacen("<svg ", &opening, 1))
+    }
+
     /// As rows of red, green and blue, twice as large.
     ///
     /// # Errors
     ///
     /// [`PlotError`].
-    pub(super) fn pixels(&self) -> Result<([u32; 2], Vec<u8>), PlotError> {
+    pub(crate) fn pixels(&self) -> Result<([u32; 2], Vec<u8>), PlotError> {
         let size = SIZE.map(|edge| 2 * edge);
         let mut pixels = vec![0; size[0] as usize * size[1] as usize * 3];
         {

@@ -3,7 +3,7 @@
 use bytesize::ByteSize;
 
 /// Three significant digits, without a tail of zeros.
-pub(super) fn figure(x: f64) -> String {
+pub(crate) fn figure(x: f64) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
@@ -21,11 +21,11 @@ pub(super) fn figure(x: f64) -> String {
 }
 
 /// A part of something, in per cent.
-pub(super) fn part(x: f64) -> String {
+pub(crate) fn part(x: f64) -> String {
     format!("{} %", figure(100.0 * x))
 }
 
-pub(super) fn seconds(x: f64) -> String {
+pub(crate) fn seconds(x: f64) -> String {
     if x < 1e-3 {
         format!("{} µs", figure(1e6 * x))
     } else if x < 1.0 {
@@ -35,18 +35,18 @@ pub(super) fn seconds(x: f64) -> String {
     }
 }
 
-pub(super) fn metres(x: f64) -> String {
+pub(crate) fn metres(x: f64) -> String {
     if (1e-3..0.1).contains(&x) { format!("{} mm", figure(1e3 * x)) } else { format!("{} m", figure(x)) }
 }
 
-pub(super) fn bytes(x: f64) -> String {
+pub(crate) fn bytes(x: f64) -> String {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
     let whole = x.max(0.0).round() as u64;
     ByteSize::b(whole).display().si().to_string()
 }
 
 /// A word of a command line, so that a shell takes it as it is.
-pub(super) fn quoted(word: &str) -> String {
+pub(crate) fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_./-+=:,@%".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) {
         return word.to_owned();
@@ -55,7 +55,7 @@ pub(super) fn quoted(word: &str) -> String {
 }
 
 /// With spaces between thousands.
-pub(super) fn count(n: u64) -> String {
+pub(crate) fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut text = String::new();
     for (place, digit) in digits.chars().enumerate() {

@@ -1,0 +1,463 @@
+//! What of a scene is hazardous, before it is baked.
+
+use serde::Serialize;
+
+use crate::curve::Curve;
+use crate::field::Lattice;
+use crate::num::Level;
+use crate::report::{Look, Survey, TrialError};
+use crate::scene::{Key, Pattern, Remark, Scene, Space, Tube, Weight};
+use crate::volume::{Filter, LARGEST_F16, Precision, RestMass, Store, bake};
+
+/// Places along a segment that are looked at, where there are few.
+const PLACES: usize = 64;
+/// Places along a curve, at most, but for one a segment.
+const MOST_PLACES: usize = 1 << 14;
+/// Bricks that are baked to see what a scene is like.
+const SAMPLE: usize = 512;
+/// Above this many cells of noise a voxel, noise between voxels is lost.
+const NYQUIST: f64 = 0.5;
+
+/// A hazard of a scene, at its place in the text.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Hazard {
+    kind: &'static str,
+    remark: Remark,
+}
+
+impl Hazard {
+    /// A word for what it is.
+    pub fn kind(&self) -> &'static str {
+        self.kind
+    }
+
+    /// What is the matter, where, and what to change.
+    pub fn remark(&self) -> &Remark {
+        &self.remark
+    }
+
+    /// How much it matters.
+    pub fn weight(&self) -> Weight {
+        self.remark.weight()
+    }
+
+    /// Whether it is the same, though perhaps worse, as at another time of the scene.
+    pub fn is_same(&self, other: &Hazard) -> bool {
+        let place = |hazard: &Hazard| (hazard.remark.fault().line(), hazard.remark.fault().column());
+        self.kind == other.kind && place(self) == place(other)
+    }
+}
+
+/// What is expected of a bake.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Expectation {
+    /// Relative L2 error of trilinear values; null where there is no density.
+    pub relative_l2: Option<f64>,
+    /// 95 % interval of it.
+    pub interval: Option<[f64; 2]>,
+    /// The largest density among bricks that were tried.
+    pub peak: f64,
+    /// Part of the voxels inside tubes that see a tube's axis from several sides.
+    pub several_feet: f64,
+    /// Part of the mass at rest that has no image.
+    pub lost_mass: f64,
+    /// Part of it that is faded beside focal sets.
+    pub faded_mass: f64,
+}
+
+/// What a scene says that hardly comes out as it says it, found without baking: sharp bends, corners, steep, thin and jumping radii,
+/// twist and octaves finer than voxels, light that ends within a voxel. The most serious first.
+pub fn hazards(scene: &Scene, lattice: Lattice) -> Vec<Hazard> {
+    let h = lattice.voxel_size;
+    let mut found = Vec::new();
+    for (number, tube) in scene.tubes().iter().enumerate() {
+        let on = On { scene, tube, number, h };
+        found.extend(on.bends());
+        found.extend(on.corners());
+        found.extend(on.radii());
+        found.extend(on.slopes());
+        found.extend(on.sectors());
+        for layer in 0..tube.layers.len() {
+            found.extend(on.octaves(layer));
+        }
+    }
+    found.extend(extinction(scene, h));
+    sorted(found)
+}
+
+/// Tries a bake: some bricks, and the error at points.
+///
+/// # Errors
+///
+/// Where the bricks cannot be planned in `budget` bytes.
+pub fn expectation(
+    scene: &Scene,
+    lattice: Lattice,
+    precision: Precision,
+    points: usize,
+    budget: u64,
+) -> Result<Expectation, TrialError> {
+    let look = Look { points, rays: 0, stream: 0x6865_636b, filter: Filter::Trilinear, precision };
+    let survey = Survey::new(scene, look, budget);
+    let lot = survey.pilot().at(lattice)?;
+    let mut store = Store::default();
+    let Ok((tally, _)) =
+        bake(&lot.field, &lot.plan.sample(SAMPLE), scene.bake().cutoff, Level::best(), &mut store, |_| ());
+    let peak = store.active().map(|(_, value)| f64::from(value)).fold(0.0, f64::max);
+    let rest = RestMass::new(&lot.field, scene, lattice, 1 << 15, Level::best());
+    let (errors, intervals) = survey.errors(&lot)?;
+    let part = |x: f64, of: f64| if of > 0.0 { x / of } else { 0.0 };
+    #[allow(clippy::cast_precision_loss, reason = "a share")]
+    Ok(Expectation {
+        relative_l2: errors.l2.of_rms,
+        interval: intervals.and_then(|held| held.relative_l2),
+        peak: peak.max(errors.peak),
+        several_feet: part(tally.several_feet_voxels as f64, tally.inside_voxels as f64),
+        lost_mass: part(rest.lost, rest.rest),
+        faded_mass: part(rest.faded, rest.rest),
+    })
+}
+
+/// What of an expectation is hazardous.
+pub fn hazards_expected(
+    scene: &Scene,
+    lattice: Lattice,
+    precision: Precision,
+    expected: &Expectation,
+) -> Vec<Hazard> {
+    let tubes = [Key::Name("tube")];
+    let mut found = Vec::new();
+    let mut say = |kind, weight, keys: &[Key<'_>], title: String, help: &str| {
+        let remark = scene.remark(weight, keys, title, String::new(), help.to_owned());
+        found.push(Hazard { kind, remark });
+    };
+    let in_half = |weight| if precision == Precision::F16 { weight } else { Weight::Note };
+    if expected.lost_mass > 1e-4 {
+        let weight = if expected.lost_mass > 0.01 { Weight::Serious } else { Weight::Warning };
+        say(
+            "lost mass",
+            weight,
+            &tubes,
+            format!("{} of the mass at rest is lost", percent(expected.lost_mass)),
+            "it lies past the focal set of a bend, or where a radius is 0: bend less, or make the tube thinner there",
+        );
+    }
+    if expected.faded_mass > 0.01 {
+        say(
+            "faded mass",
+            Weight::Warning,
+            &tubes,
+            format!("{} of the mass at rest is faded out beside a focal set", percent(expected.faded_mass)),
+            "bend less, or make the tube thinner there",
+        );
+    }
+    if expected.several_feet > 0.01 {
+        say(
+            "overlap",
+            Weight::Note,
+            &tubes,
+            format!(
+                "{} of the voxels are reached by a tube from several sides",
+                percent(expected.several_feet)
+            ),
+            "`overlap` says what they store: \"max\", \"sum\", \"closest\" or \"blend\"",
+        );
+    }
+    if expected.peak > f64::from(LARGEST_F16) {
+        say(
+            "half range",
+            in_half(Weight::Serious),
+            &tubes,
+            format!("densities of {} and more", figure(expected.peak)),
+            "half precision ends at 65504: use --precision f32, or smaller values and more `extinction`",
+        );
+    } else if expected.peak > 0.0 && expected.peak < 6.1e-5 {
+        say(
+            "half range",
+            in_half(Weight::Serious),
+            &tubes,
+            format!("no density above {}", figure(expected.peak)),
+            "half precision is off by 3e-8: use --precision f32, or larger values and less `extinction`",
+        );
+    } else if expected.peak <= 0.0 && !scene.tubes().is_empty() {
+        say(
+            "no density",
+            Weight::Serious,
+            &tubes,
+            "no density was found in the bricks that were tried".to_owned(),
+            "layers may leave nothing: look at `threshold`, `multiplier` and `octaves`",
+        );
+    }
+    if let Some(error) = expected.relative_l2.filter(|error| *error > 0.2) {
+        say(
+            "error",
+            Weight::Warning,
+            &[Key::Name("bake")],
+            format!(
+                "voxels of {} m miss {} of the density (relative L2)",
+                figure(lattice.voxel_size),
+                percent(error)
+            ),
+            "`bake --max-error` finds voxels for an error; fewer octaves need fewer of them",
+        );
+    }
+    let depth = scene.medium().extinction * expected.peak * lattice.voxel_size;
+    if depth > 1.5 {
+        say(
+            "stiff shadows",
+            if depth > 10.0 { Weight::Warning } else { Weight::Note },
+            &[Key::Name("medium"), Key::Name("extinction")],
+            format!("an optical depth of up to {} in a voxel", figure(depth)),
+            "tabled shadows are off by 13 % at 2 a voxel and 37 % at 10: draw it with --shadow exact, or with smaller voxels",
+        );
+    }
+    sorted(found)
+}
+
+/// The most serious first, otherwise in the order of the text.
+pub fn sorted(mut hazards: Vec<Hazard>) -> Vec<Hazard> {
+    hazards.sort_by_key(|hazard| (std::cmp::Reverse(hazard.weight()), hazard.remark.fault().line()));
+    hazards
+}
+
+/// A tube of a scene.
+struct On<'a> {
+    scene: &'a Scene,
+    tube: &'a Tube,
+    number: usize,
+    /// Edge of a voxel in metres.
+    h: f64,
+}
+
+/// A place along an axis.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    /// Arc length, metres.
+    s: f64,
+    /// Curvature, 1 over metres.
+    curvature: f64,
+    radius: f64,
+}
+
+impl On<'_> {
+    fn say(
+        &self,
+        (kind, weight): (&'static str, Weight),
+        keys: &[Key<'_>],
+        title: String,
+        label: String,
+        help: impl Into<String>,
+    ) -> Hazard {
+        let tube = [Key::Name("tube"), Key::Number(self.number)];
+        let keys = [tube.as_slice(), keys].concat();
+        let title = format!("tube \"{}\": {title}", self.tube.name);
+        Hazard { kind, remark: self.scene.remark(weight, &keys, title, label, help.into()) }
+    }
+
+    /// Places along the axis, evenly in each segment's parameter.
+    fn places(&self) -> impl Iterator<Item = Place> + '_ {
+        let curve = &self.tube.curve;
+        let each = (MOST_PLACES / curve.segments().len().max(1)).clamp(1, PLACES);
+        curve.segments().iter().enumerate().flat_map(move |(number, segment)| {
+            #[allow(clippy::cast_precision_loss, reason = "small")]
+            let places =
+                (0..=each).map(move |k| (k as f64 + 0.5 * f64::from(u8::from(each == 1))) / each as f64);
+            places.filter(|t| *t <= 1.0).map(move |t| {
+                let (d1, d2) = (segment.d1(t), segment.d2(t));
+                let speed = d1.length();
+                let s = curve.arc_length(number, t);
+                let radius = self.tube.radius.at((s / curve.length()).clamp(0.0, 1.0));
+                Place { s, curvature: d1.cross(d2).length() / (speed * speed * speed), radius }
+            })
+        })
+    }
+
+    /// Where the axis bends more sharply than the tube is thick.
+    fn bends(&self) -> Option<Hazard> {
+        let product = |place: &Place| place.curvature * place.radius;
+        let worst = self
+            .places()
+            .filter(|place| product(place).is_finite())
+            .max_by(|a, b| product(a).total_cmp(&product(b)))?;
+        let most = product(&worst);
+        let weight = match most {
+            most if most >= 1.0 => Weight::Warning,
+            most if most >= 0.8 => Weight::Note,
+            _ => return None,
+        };
+        Some(self.say(
+            ("curvature", weight),
+            &[Key::Name("curve")],
+            format!("curvature times radius is up to {}", figure(most)),
+            format!("at {} m along the curve of {} m", figure(worst.s), figure(self.tube.curve.length())),
+            if most >= 1.0 {
+                format!(
+                    "above 1 the inner side folds over itself and is lost; a radius below {} m there keeps it",
+                    figure(0.8 / worst.curvature)
+                )
+            } else {
+                "above 0.8 density fades beside the focal set".to_owned()
+            },
+        ))
+    }
+
+    /// Joints that are not smooth.
+    fn corners(&self) -> Option<Hazard> {
+        let curve: &Curve = &self.tube.curve;
+        let turns = (0..curve.segments().len()).map(|joint| (joint, curve.turn(joint)));
+        let sharp: Vec<(usize, f64)> = turns.filter(|(_, turn)| *turn > 0.2).collect();
+        let (joint, turn) = sharp.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(self.say(
+            ("corners", if turn > 3.0 { Weight::Warning } else { Weight::Note }),
+            &[Key::Name("curve")],
+            format!("{} of {} joints are corners", sharp.len(), curve.segments().len()),
+            format!(
+                "the sharpest, of {} degrees, at {} m",
+                figure(turn.to_degrees()),
+                figure(curve.arc_length(joint, 1.0))
+            ),
+            "`kind = \"catmull-rom\"` goes through the same points without",
+        ))
+    }
+
+    /// Radii below what voxels can show.
+    fn radii(&self) -> Option<Hazard> {
+        let most = self.tube.radius.max();
+        let thin = self.places().filter(|place| place.radius > 1e-6 * most && place.radius < 1.5 * self.h);
+        let thinnest = thin.min_by(|a, b| a.radius.total_cmp(&b.radius))?;
+        let voxels = thinnest.radius / self.h;
+        let is_widened = self.scene.bake().widen;
+        let weight = match (is_widened, most < 1.5 * self.h) {
+            (true, true) => Weight::Warning,
+            (true, false) => Weight::Note,
+            (false, _) if voxels < 0.75 => Weight::Serious,
+            (false, _) => Weight::Warning,
+        };
+        Some(self.say(
+            ("thin", weight),
+            &[Key::Name("radius")],
+            format!("a radius of {} voxels", figure(voxels)),
+            format!("at {} m along the curve", figure(thinnest.s)),
+            if is_widened {
+                format!(
+                    "parts thinner than three voxels are widened, and keep their mass; voxels of {} m show them as they are",
+                    figure(thinnest.radius / 3.0)
+                )
+            } else {
+                "parts between voxels are lost: `widen = true` keeps their mass".to_owned()
+            },
+        ))
+    }
+
+    /// Radii that change faster than a cone of 45 degrees.
+    fn slopes(&self) -> Option<Hazard> {
+        let places: Vec<Place> = self.places().collect();
+        let slope = |pair: &[Place]| ((pair[1].radius - pair[0].radius) / (pair[1].s - pair[0].s)).abs();
+        let pair = places
+            .windows(2)
+            .filter(|pair| pair[1].s > pair[0].s)
+            .max_by(|a, b| slope(a).total_cmp(&slope(b)))?;
+        let most = slope(pair);
+        (most > 2.0).then(|| {
+            self.say(
+                ("steep", Weight::Note),
+                &[Key::Name("radius")],
+                format!("the radius changes by {} m a metre", figure(most)),
+                format!("at {} m along the curve", figure(pair[0].s)),
+                "a disc across the axis is the tube there, however steep: it looks like a plate, not like a bulge",
+            )
+        })
+    }
+
+    /// Sectors that wind faster than voxels can show.
+    fn sectors(&self) -> Option<Hazard> {
+        let is_cut = self.tube.layers.iter().any(|layer| layer.pattern == Pattern::Sectors);
+        let turns = self.tube.twist.abs() * self.h / self.tube.curve.length();
+        (is_cut && turns > 0.125).then(|| {
+            self.say(
+                ("twist", if turns > 0.25 { Weight::Serious } else { Weight::Warning }),
+                &[Key::Name("twist")],
+                format!("{} turns in a voxel", figure(turns)),
+                "sectors have two planes a turn".to_owned(),
+                format!("voxels of {} m show them", figure(0.125 * self.h / turns)),
+            )
+        })
+    }
+
+    /// Octaves that are finer than the voxels.
+    fn octaves(&self, number: usize) -> Option<Hazard> {
+        let Pattern::Perlin(sum) = &self.tube.layers[number].pattern else { return None };
+        let key = |name| [Key::Name("layer"), Key::Number(number), Key::Name(name)];
+        let cells =
+            |octave: u32| self.cells(sum.space, sum.frequency) * libm::pow(sum.lacunarity, f64::from(octave));
+        let fine = |limit: f64| (0..sum.octaves).filter(|octave| cells(*octave) > limit).count();
+        let last = (0..sum.octaves).map(cells).fold(0.0, f64::max);
+        if !self.scene.bake().octave_fade {
+            let aliased = fine(NYQUIST);
+            return (aliased > 0).then(|| {
+                self.say(
+                    ("aliasing", Weight::Serious),
+                    &key("octaves"),
+                    format!("{aliased} of {} octaves alias", sum.octaves),
+                    format!("up to {} cells a voxel", figure(last)),
+                    format!(
+                        "`octave_fade = true` fades them; voxels of {} m show them",
+                        figure(NYQUIST * self.h / last)
+                    ),
+                )
+            });
+        }
+        let faded = fine(1.6);
+        (faded > 0).then(|| {
+            self.say(
+                ("octaves", if faded == sum.octaves as usize { Weight::Serious } else { Weight::Note }),
+                &key("octaves"),
+                format!("{faded} of {} octaves fade out", sum.octaves),
+                format!("up to {} cells a voxel", figure(last)),
+                format!("voxels of {} m show them all", figure(0.7 * self.h / last)),
+            )
+        })
+    }
+
+    /// Cells of a pattern's first octave a voxel where the tube is widest, on its axis or, in the world, anywhere.
+    fn cells(&self, space: Space, frequency: [f64; 3]) -> f64 {
+        let [u, v, l] = frequency;
+        match space {
+            Space::World => self.h * u.max(v).max(l),
+            Space::Cylinder => {
+                let across = u.max(v) / self.tube.radius.max();
+                let along = if self.tube.stretch { l / self.tube.curve.length() } else { l };
+                self.h * across.max(along)
+            }
+        }
+    }
+}
+
+/// Light that ends within a voxel, whatever the density.
+fn extinction(scene: &Scene, h: f64) -> Option<Hazard> {
+    let depth = scene.medium().extinction * h;
+    (depth > 100.0).then(|| {
+        let title = format!("an optical depth of {} in a voxel of density 1", figure(depth));
+        let help = "pictures show a surface of voxels: smaller ones, or less extinction, show a volume";
+        let keys = [Key::Name("medium"), Key::Name("extinction")];
+        let remark = scene.remark(Weight::Warning, &keys, title, String::new(), help.to_owned());
+        Hazard { kind: "stiff", remark }
+    })
+}
+
+/// Three digits.
+fn figure(x: f64) -> String {
+    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 5")]
+        let decimals =
+            if x == 0.0 { 0 } else { (2.0 - libm::log10(x.abs()).floor()).clamp(0.0, 5.0) as usize };
+        let text = format!("{x:.decimals$}");
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    } else {
+        format!("{x:.2e}")
+    }
+}
+
+fn percent(part: f64) -> String {
+    format!("{} %", figure(100.0 * part))
+}

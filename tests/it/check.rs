@@ -1,0 +1,169 @@
+//! `vdbake check`: the catalogue of stiff and extreme cases, and what of a scene is hazardous.
+
+use serde_json::Value;
+
+use crate::cli::{Folder, code, errors, text};
+use crate::kernel::shipped;
+use crate::support::scenes;
+
+#[test]
+fn every_case_of_the_catalogue_holds() {
+    let folder = Folder::new();
+    let output = folder.run(&["check", "-o", "check.html", "--quiet"]);
+    assert_eq!(code(&output), 0, "{}{}", text(&output), errors(&output));
+    let page = String::from_utf8(folder.get("check.html")).expect("UTF-8");
+    assert!(
+        page.contains("Where accuracy ends") && !page.contains("<script") && !page.contains("does not hold")
+    );
+    assert_eq!(page.matches("<svg ").count(), 9);
+}
+
+#[test]
+fn a_catalogue_in_json_has_errors_bounds_and_levels() {
+    let folder = Folder::new();
+    let report = folder.json(&["check", "--only", "twist"]);
+    let cases = report["cases"].as_array().expect("cases");
+    assert!(!cases.is_empty() && report["holds"] == true && report["held"] == cases.len());
+    for case in cases {
+        let [error, bound] = ["error", "bound"].map(|key| case[key].as_f64().expect("a number"));
+        assert!(error <= bound && (case["margin"].as_f64().expect("a number") - error / bound).abs() < 1e-12);
+    }
+    let family = &report["families"].as_array().expect("families")[0];
+    let at = |mark: &Value| mark["at"].as_f64().expect("a number");
+    assert!(family["marks"].as_array().expect("marks").windows(2).all(|pair| at(&pair[0]) < at(&pair[1])));
+    assert!(report["simd"].as_array().is_some_and(|simd| !simd.is_empty()));
+    assert_eq!(code(&folder.run(&["check", "--only", "no such case"])), 2);
+    assert_eq!(code(&folder.run(&["check", "-o", "check.txt"])), 2);
+}
+
+/// A scene with one hazard, the word for it, its severity and line.
+const HAZARDS: [(&str, &str, &str, u64, &str); 8] = [
+    (
+        "curvature",
+        "warning",
+        "lost mass",
+        2,
+        "[[tube]]\ncurve = { points = [[-1, 0, 0], [0, 1, 0], [1, 0, 0]] }\nradius = 1.5\n",
+    ),
+    (
+        "corners",
+        "note",
+        "",
+        2,
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0]] }\nradius = 0.2\n",
+    ),
+    (
+        "thin",
+        "serious",
+        "no density",
+        6,
+        "[bake]\nvoxel_size = 0.1\nwiden = false\n[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = 0.01\n",
+    ),
+    (
+        "twist",
+        "serious",
+        "",
+        4,
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = 0.2\ntwist = 1000\n[[tube.layer]]\nnoise = \"sectors\"\n",
+    ),
+    (
+        "aliasing",
+        "serious",
+        "",
+        8,
+        "[bake]\nresolution = 64\noctave_fade = false\n[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = 0.2\n[[tube.layer]]\noctaves = 9\n",
+    ),
+    (
+        "octaves",
+        "serious",
+        "no density",
+        7,
+        "[bake]\nresolution = 64\n[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = 0.2\n[[tube.layer]]\noctaves = 2\nfrequency = 1000\n",
+    ),
+    (
+        "stiff",
+        "warning",
+        "stiff shadows",
+        5,
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = 0.2\n[medium]\nextinction = 1e6\n",
+    ),
+    (
+        "steep",
+        "note",
+        "",
+        3,
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = [[0, 0.1], [0.48, 0.1], [0.52, 0.6], [1, 0.6]]\n",
+    ),
+];
+
+#[test]
+fn each_hazard_is_found_at_its_place() {
+    let folder = Folder::new();
+    for (kind, severity, beside, line, scene) in HAZARDS {
+        folder.put("scene.toml", scene);
+        let output = folder.run(&["check", "scene.toml", "--json", "--quiet"]);
+        let report: Value =
+            serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{kind}: {}", errors(&output)));
+        let hazards = report["hazards"].as_array().expect("hazards");
+        let found = hazards.iter().find(|hazard| hazard["kind"] == kind);
+        let found = found.unwrap_or_else(|| panic!("{kind}: {hazards:?}"));
+        assert_eq!((&found["severity"], found["line"].as_u64()), (&severity.into(), Some(line)), "{found}");
+        assert!(found["change"].as_array().is_some_and(|change| !change.is_empty()));
+        let others: Vec<_> =
+            hazards.iter().filter(|hazard| hazard["severity"] != "note" && hazard["kind"] != kind).collect();
+        let is_expected = |hazard: &&&Value| hazard["kind"] == beside || hazard["kind"] == "error";
+        assert!(others.iter().all(|hazard| is_expected(&hazard)), "{kind}: {others:?}");
+        let is_serious = hazards.iter().any(|hazard| hazard["severity"] == "serious");
+        assert_eq!(code(&output), if is_serious { 4 } else { 0 }, "{kind}");
+    }
+}
+
+#[test]
+fn a_plain_scene_has_no_serious_hazard_and_an_expected_error() {
+    let folder = Folder::new();
+    let report = folder.json(&["check", "bent.toml"]);
+    assert!(
+        report["hazards"].as_array().expect("hazards").iter().all(|hazard| hazard["severity"] != "serious")
+    );
+    let moment = &report["moments"][0];
+    let [error, peak] = [&moment["expected"]["relative_l2"], &moment["expected"]["peak"]].map(Value::as_f64);
+    assert!(
+        error.is_some_and(|error| error > 0.0 && error < 0.5) && peak.is_some_and(|peak| peak > 0.1),
+        "{moment}"
+    );
+    assert!(moment["memory_bytes"].as_u64().is_some_and(|bytes| bytes > 1 << 20));
+    // What half precision clamps, and what it leaves.
+    folder.put("dense.toml", "[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\n[[tube.layer]]\nnoise = \"constant\"\nvalue = 1e6\n");
+    assert_eq!(code(&folder.run(&["check", "dense.toml", "--quiet", "--precision", "f16"])), 4);
+    assert_eq!(code(&folder.run(&["check", "dense.toml", "--quiet"])), 0);
+}
+
+#[test]
+fn bakes_tell_of_serious_hazards() {
+    let folder = Folder::new();
+    let (_, _, _, _, scene) = HAZARDS[4];
+    folder.put("scene.toml", scene);
+    let output = folder.run(&["bake", "scene.toml"]);
+    assert_eq!(code(&output), 0);
+    assert!(
+        errors(&output).contains("octaves alias") && errors(&output).contains("scene.toml:8:11"),
+        "{}",
+        errors(&output)
+    );
+    let output = folder.run(&["bake", "bent.toml"]);
+    assert!(!errors(&output).contains("warning:"), "{}", errors(&output));
+}
+
+/// What is shipped is meant as it is.
+#[test]
+fn no_shipped_scene_has_a_serious_hazard() {
+    for path in scenes() {
+        let name = path.file_stem().and_then(|stem| stem.to_str()).expect("a name");
+        let scene = shipped(name);
+        let field = vdbake::field::Field::compile(&scene);
+        let lattice = crate::kernel::lattice(&field, 256.0);
+        for hazard in vdbake::check::hazards(&scene, lattice) {
+            assert!(hazard.weight() < vdbake::scene::Weight::Serious, "{}", hazard.remark().show(false));
+        }
+    }
+}
