@@ -4,6 +4,7 @@
 mod accuracy;
 mod animation;
 mod antialias;
+mod certificates;
 mod cli;
 mod compare;
 mod consumers;
@@ -23,6 +24,7 @@ mod joins;
 mod kernel;
 mod large;
 mod layers;
+mod limits;
 mod mass;
 mod memory;
 mod methods;
