@@ -31,6 +31,8 @@ const BAKE: u64 = 64 << 20;
 const SPARE: f64 = 2.0;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
+/// Bytes of a certificate with some pilots.
+const CERTIFICATE: u64 = 6 << 10;
 /// What is aimed at of a file's size, and what is taken.
 const AIM: f64 = 0.96;
 const TAKEN: [f64; 2] = [0.9, 0.99];
@@ -431,14 +433,16 @@ fn about(job: &Job) -> Result<u64, Failure> {
     let bytes = bytes_of(job, &sample)
         .map_err(|error| Failure::failed("cannot foretell the file's size").because(error))?;
     let part = u128::from(bytes) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
-    Ok(empty.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
+    // Nodes are few where bricks are many, but in a small file they are much of it.
+    let besides = empty + CERTIFICATE + job.bound(&plan).masks;
+    Ok(besides.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
 }
 
-/// Bytes that the bricks of a plan take in a file.
+/// Bytes that the values of a plan's bricks take in a file.
 fn bytes_of(job: &Job, plan: &Plan) -> Result<u64, VdbWriteError> {
     let mut grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
     volume::bake(&job.field, plan, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})?;
-    Ok(grid.encoded_bytes() + 64 * grid.stats().leaves)
+    Ok(grid.encoded_bytes())
 }
 
 fn by_bytes(

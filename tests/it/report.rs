@@ -81,6 +81,9 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         // Half a unit in the last of eleven digits, beside an error of some percent.
         assert!((l2(row) - l2(own)).abs() <= if same { 0.0 } else { 1e-4 * l2(own) }, "{row}");
     }
+    // Other frames make another density, and its bake is as near to that.
+    let frames: Vec<f64> = rows(&report, "frame").into_iter().map(l2).collect();
+    assert!(frames.iter().all(|error| (0.5..2.0).contains(&(error / frames[0]))), "{frames:?}");
     // Without octaves more is missing.
     let simpler = rows(&report, "octaves");
     assert!(l2(simpler[simpler.len() - 1]) > l2(own), "{simpler:?}");
@@ -98,7 +101,8 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         real(&found.expect("a row")["image"]["transmittance"])
     };
     let [few, many] = ["5 samples a ray, no shadows", "256 samples a ray, no shadows"].map(transmittance);
-    assert!(many < 0.1 * few, "{few}, {many}");
+    // The octaves that fade are missing in both.
+    assert!(many < 0.5 * few, "{few}, {many}");
     let all = report["rows"].as_array().expect("rows");
     let level = |row: &Value| {
         let error = if row["kind"] == "bake" {

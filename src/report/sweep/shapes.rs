@@ -3,7 +3,7 @@
 use super::Run;
 use super::bakes::filter_name;
 use super::rows::{Cost, FieldError, Kind, Row, Settings};
-use crate::curve::FrameRule;
+use crate::curve::{Curve, CurveError, FrameRule};
 use crate::field::Lattice;
 use crate::formats::vdb::{Compression, Encoder};
 use crate::report::trial::{Pilot, TrialError};
@@ -25,9 +25,12 @@ impl Run<'_> {
     pub(super) fn shapes(&mut self) {
         let frames = [("rotation-minimising", FrameRule::RotationMinimising), ("frenet", FrameRule::Frenet)];
         for (name, frame) in frames {
-            self.shape("frame", &format!("frame {name}"), |scene| {
-                scene.tubes.iter_mut().for_each(|tube| tube.frame = frame);
-            });
+            let label = format!("frame {name}");
+            // Curves carry their frames.
+            match with_frame(self.scene, frame) {
+                Ok(scene) => self.shape("frame", &label, |altered| *altered = scene),
+                Err(error) => self.left_out.push(format!("{label}: {error}")),
+            }
         }
         for (name, conserve) in
             [("off", Conserve::Off), ("radius", Conserve::Radius), ("full", Conserve::Full)]
@@ -117,6 +120,18 @@ impl Run<'_> {
         let held = self.held_against(scene, lattice, points)?;
         Ok((cost, held.error(tree, Filter::Trilinear, self.effort.rays.min(RAYS))?))
     }
+}
+
+/// A scene whose tubes' cross-sections are carried along by another rule.
+fn with_frame(scene: &Scene, rule: FrameRule) -> Result<Scene, CurveError> {
+    let mut scene = scene.clone();
+    for tube in &mut scene.tubes {
+        let segments = tube.curve.segments().to_vec();
+        tube.curve =
+            if tube.curve.is_closed() { Curve::closed(segments, rule)? } else { Curve::new(segments, rule)? };
+        tube.frame = rule;
+    }
+    Ok(scene)
 }
 
 /// Metres from end to end along the axis of the helix.
