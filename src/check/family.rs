@@ -53,7 +53,8 @@ const VOXELS: usize = 800;
 /// Measures the families whose names are wanted on the current `rayon` pool, as long as it may go on.
 pub fn families(is_wanted: &dyn Fn(&str) -> bool, goes_on: &mut dyn FnMut() -> bool) -> Vec<Family> {
     let mut found = Vec::new();
-    for (name, parameter, bound, places, measure) in list() {
+    for (name, parameter, bound, mut places, measure) in list() {
+        places.sort_by(f64::total_cmp);
         if !is_wanted(&format!("{name} {parameter}")) {
             continue;
         }
@@ -109,7 +110,13 @@ fn list() -> Vec<(&'static str, &'static str, Bound, Vec<f64>, Measure)> {
             curvature,
         ),
         // A scene's hard ends may be a hundredth of a voxel wider, of 40 voxels.
-        ("light", "optical depth of a step", |_| 1e-3, powers(-12, 30, 3), stiffness),
+        (
+            "light",
+            "optical depth of a step",
+            |_| 1e-3,
+            powers(-12, 30, 3).into_iter().chain([0.1, 10.0]).collect(),
+            stiffness,
+        ),
         (
             "shift",
             "distance from the origin, m",

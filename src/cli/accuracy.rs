@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 
 use super::compare::figure;
 use super::job::{Job, Moment, Options, Source, bounds};
-use super::memory::Amount;
+use super::memory::{Amount, PROGRAM, enough};
 use super::{Failure, text};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{VdbGridBuilder, VdbWriteError};
@@ -15,7 +15,7 @@ use crate::volume::{self, Filter, Plan, PlanError, Precision};
 
 /// Points and rays of a pilot.
 const POINTS: usize = 30_000;
-const RAYS: usize = 200;
+const RAYS: usize = 400;
 const STREAM: u64 = 0x7069_6c6f;
 /// Voxels along the longest side that pilots begin with, and the fewest that are taken.
 const FIRST: f64 = 64.0;
@@ -25,15 +25,21 @@ pub(super) const MOST_ROUNDS: u32 = 5;
 /// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
 /// takes 2 KiB then.
 const PLANS: u64 = 32;
+/// Bytes besides that bakes of any size can do with, on as many threads as there may be.
+const BAKE: u64 = 64 << 20;
+/// Times what pilots are expected to take.
+const SPARE: f64 = 2.0;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
+/// Bytes of a certificate with some pilots.
+const CERTIFICATE: u64 = 6 << 10;
 /// What is aimed at of a file's size, and what is taken.
 const AIM: f64 = 0.96;
 const TAKEN: [f64; 2] = [0.9, 0.99];
+/// Times the error of a voxel size that its file is certain to meet.
+const WITHIN: f64 = 1.3;
 /// What is aimed at of an error after one that was too large, with all that points do not tell.
 const NEXT: f64 = 0.96;
-/// Bytes that the program takes besides plans and grids.
-pub(super) const PROCESS: u64 = 16 << 20;
 
 /// How exact a file is to be.
 #[derive(Debug, Args)]
@@ -47,7 +53,7 @@ pub(super) struct AccuracyOptions {
     #[arg(long, value_enum, value_name = "METRIC", requires = "max_error")]
     error_metric: Option<MetricName>,
     /// The most bytes that the file may take, such as 200MB: the smallest voxels with which it does not take more; with
-    /// --max-error, a bake that would is refused
+    /// --max-error the error decides, and a bake that would take more is refused
     #[arg(long, value_name = "SIZE", conflicts_with_all = ["voxel_size", "resolution", "frames"],
         allow_negative_numbers = true)]
     max_bytes: Option<Amount>,
@@ -66,7 +72,9 @@ enum MetricName {
     Max,
     /// Root mean square of the difference of optical depths over that of the density's
     OpticalDepth,
-    /// How far the mass is off, as a part of it
+    /// How far the mass is off, as a part of it. It does not fall with the voxels' size steadily, since what is too much in some
+    /// places makes up for what is too little in others: of the voxel sizes tried, the first that meets E is taken, and may be
+    /// far better
     Mass,
 }
 
@@ -84,12 +92,21 @@ pub(super) struct Chosen {
     /// With which the error falls, at the finest pilots.
     pub(super) order: Option<f64>,
     pub(super) pilots: Vec<Step>,
+    /// Bytes that the file is expected to take, where it may not take more than some.
+    about: Option<u64>,
+    /// Whether values are stored in half precision.
+    is_half: bool,
 }
 
 impl Chosen {
     /// Whether the file is to be measured.
     pub(super) fn measures(&self) -> bool {
         self.certify || self.goal.is_some()
+    }
+
+    /// Whether other voxels are of no use: smaller ones take more bytes, and larger ones miss the error.
+    pub(super) fn is_final(&self, miss: Miss) -> bool {
+        matches!(miss, Miss::Bytes(_)) && self.goal.is_some()
     }
 }
 
@@ -118,31 +135,34 @@ impl AccuracyOptions {
         };
         let goal = self.max_error.map(|limit| Goal { metric, limit });
         let most_bytes = self.max_bytes.map(Amount::bytes);
-        let mut chosen = Chosen { goal, most_bytes, certify: self.certify, ..Chosen::default() };
+        let is_half = options.stored() == Precision::F16;
+        let mut chosen = Chosen { goal, most_bytes, certify: self.certify, is_half, ..Chosen::default() };
         let scene = source.start.at(moment.time)?;
         let Some(longest) = longest(&scene) else { return Ok(chosen) };
         if let Some(goal) = goal {
             let precision = options.stored();
-            let budget = options.scene.budget().bytes().saturating_sub(PROCESS) / PLANS;
+            let budget = options.scene.budget().bytes().saturating_sub(PROGRAM) / PLANS;
             let voxel_size = by_error(&scene, goal, longest, precision, budget, &mut chosen, &stop)?;
             source.set_voxel_size(voxel_size);
             if let Some(most) = most_bytes {
                 let bytes = about(&Job::new(source, moment, options)?)?;
+                chosen.about = Some(bytes);
                 if bytes > most {
-                    let message = format!(
-                        "a {} of {} takes a file of about {}, and {} are allowed",
-                        goal.metric.name(),
-                        figure(goal.limit),
-                        text::bytes(bytes),
-                        text::bytes(most)
-                    );
-                    return Err(Failure::failed(message).hint(
-                        "allow a larger --max-error or --max-bytes, or store half precision with --precision f16",
-                    ));
+                    let failure = too_large(&chosen, goal, &format!("about {}", text::bytes(bytes)), most);
+                    // What the bytes are enough for, where they are for anything.
+                    by_bytes(source, moment, options, longest, most, &stop)?;
+                    let survey = Survey::new(&scene, pilot(precision), budget);
+                    let error = survey.error(source.voxel_size(), goal.metric).unwrap_or(1.0);
+                    return Err(match WITHIN * error {
+                        within if within < 1.0 => {
+                            failure.hint(format!("--max-error {} takes no more than that", round_up(within)))
+                        }
+                        _ => failure,
+                    });
                 }
             }
         } else if let Some(most) = most_bytes {
-            by_bytes(source, moment, options, longest, most, &stop)?;
+            chosen.about = Some(by_bytes(source, moment, options, longest, most, &stop)?);
         }
         Ok(chosen)
     }
@@ -177,15 +197,47 @@ pub(super) fn missed(chosen: &Chosen, miss: Miss) -> Failure {
                 figure(at_most),
                 figure(goal.limit)
             ))
-            .hint("allow a larger --max-error, or choose another --error-metric")
+            .hint(if chosen.is_half {
+                "allow a larger --max-error, or store single precision with --precision f32"
+            } else {
+                "allow a larger --max-error, or choose another --error-metric"
+            })
         }
-        Miss::Bytes(bytes) => Failure::failed(format!(
-            "the file takes {}, and no more than {} are allowed",
-            text::bytes(bytes),
-            text::bytes(chosen.most_bytes.unwrap_or_default())
-        ))
-        .hint("allow more with --max-bytes"),
+        Miss::Bytes(bytes) => {
+            let most = chosen.most_bytes.unwrap_or_default();
+            let bytes = text::bytes(bytes);
+            match chosen.goal {
+                Some(goal) => too_large(chosen, goal, &bytes, most),
+                None => Failure::failed(format!(
+                    "the file takes {bytes}, and no more than {} are allowed",
+                    text::bytes(most)
+                ))
+                .hint("allow more with --max-bytes"),
+            }
+        }
     }
+}
+
+/// Of a file that is small enough in its error alone.
+fn too_large(chosen: &Chosen, goal: Goal, bytes: &str, most: u64) -> Failure {
+    let failure = Failure::failed(format!(
+        "--max-bytes is too small for --max-error: a {} of {} takes a file of {bytes}, and {} are allowed",
+        goal.metric.name(),
+        figure(goal.limit),
+        text::bytes(most)
+    ));
+    let larger = "allow a larger --max-error or --max-bytes";
+    failure.hint(if chosen.is_half {
+        larger.to_owned()
+    } else {
+        format!("{larger}, or store half precision with --precision f16")
+    })
+}
+
+/// Two digits, no less than it is.
+fn round_up(x: f64) -> f64 {
+    let unit = libm::pow(10.0, libm::log10(x).floor() - 1.0);
+    format!("{:.1e}", (x / unit).ceil() * unit).parse().unwrap_or(x)
 }
 
 /// The longest side of a scene's density, metres; `None` where there is none.
@@ -193,6 +245,16 @@ fn longest(scene: &Scene) -> Option<f64> {
     let [lo, hi] = bounds(&Field::compile(scene))?;
     let longest = [0, 1, 2].map(|axis| hi[axis] - lo[axis]).into_iter().fold(0.0, f64::max);
     (longest > 0.0).then_some(longest)
+}
+
+/// The largest radius of a scene's tubes, metres.
+fn thickest(scene: &Scene) -> f64 {
+    scene.tubes().iter().map(|tube| tube.radius.max()).fold(0.0, f64::max)
+}
+
+/// What pilots look at.
+fn pilot(precision: Precision) -> Look {
+    Look { points: POINTS, rays: RAYS, stream: STREAM, filter: Filter::Trilinear, precision }
 }
 
 fn by_error(
@@ -204,12 +266,20 @@ fn by_error(
     chosen: &mut Chosen,
     stop: &impl Fn() -> Result<(), Failure>,
 ) -> Result<f64, Failure> {
-    let look = Look { points: POINTS, rays: RAYS, stream: STREAM, filter: Filter::Trilinear, precision };
-    let survey = Survey::new(scene, look, budget);
-    let mut search = Search::new(goal.limit, longest / FIRST, longest / FEWEST);
+    let survey = Survey::new(scene, pilot(precision), budget);
+    let (first, largest) = (longest / FIRST, longest / FEWEST);
+    // Of thinner tubes voxels show nothing but where they are.
+    let thickest = thickest(scene);
+    let is_local = matches!(goal.metric, Metric::L2 | Metric::Max);
+    let mut search = Search::new(goal.limit, if is_local { first.min(thickest) } else { first }, largest);
     let outcome = loop {
         stop()?;
         let error = match survey.error(search.next(), goal.metric) {
+            // No point sees any density.
+            Ok(error) if error.is_infinite() && search.next() > thickest => {
+                search = Search::new(goal.limit, thickest, largest);
+                continue;
+            }
             Ok(error) => error,
             Err(TrialError::Plan(error)) => return Err(unplanned(goal, &search, longest, error)),
             Err(error) => return Err(Failure::failed("cannot try a voxel size").because(error)),
@@ -223,14 +293,36 @@ fn by_error(
     match outcome {
         Outcome::Found(voxel_size) => Ok(voxel_size),
         Outcome::Slow { order, voxel_size } => Err(slow(&survey, goal, &search, longest, order, voxel_size)),
-        Outcome::Lost => Err(Failure::failed(format!(
-            "no voxel size was found with a {} of {}, in {}",
-            goal.metric.name(),
-            figure(goal.limit),
-            text::number(search.steps().len() as u64, "trial")
-        ))
-        .hint("allow a larger --max-error, or choose another --error-metric")),
+        Outcome::Lost => Err(coarse(&survey, goal, &search).unwrap_or_else(|| {
+            Failure::failed(format!(
+                "no voxel size was found with a {} of {}, in {}",
+                goal.metric.name(),
+                figure(goal.limit),
+                text::number(search.steps().len() as u64, "trial")
+            ))
+            .hint("allow a larger --max-error, or choose another --error-metric")
+        })),
     }
+}
+
+/// What to say where the precision of values keeps the error from falling; `None` where it does not.
+fn coarse(survey: &Survey<'_>, goal: Goal, search: &Search) -> Option<Failure> {
+    let last = search.steps().last()?;
+    let parts = survey.parts(last.voxel_size).ok()?;
+    let others = parts.interpolation.rms.max(parts.model.rms);
+    if parts.quantisation.rms <= others {
+        return None;
+    }
+    let share = parts.quantisation.of_truth.map_or_else(String::new, |share| {
+        format!(", and of the relative L2 half precision alone makes {}", figure(share))
+    });
+    let failure = Failure::failed(format!(
+        "values in half precision are too coarse for a {} of {}{}{share}",
+        goal.metric.name(),
+        figure(goal.limit),
+        reached(search),
+    ));
+    Some(failure.hint("store them in single precision, with --precision f32, or allow a larger --max-error"))
 }
 
 /// What the finest voxels reached.
@@ -242,18 +334,28 @@ fn reached(search: &Search) -> String {
 }
 
 fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Failure {
+    let expected = search.expected();
+    let room = if error.enough().is_some() { " to bake and to measure in the memory" } else { "" };
     let failure = Failure::failed(format!(
-        "a {} of {} needs voxels of about {} m, {} along the longest side, too many to bake and to measure in the memory{}",
+        "a {} of {} needs voxels of about {} m, {} along the longest side, too many{room}{}",
         goal.metric.name(),
         figure(goal.limit),
-        figure(search.next()),
-        figure((longest / search.next()).ceil()),
+        figure(expected),
+        figure((longest / expected).ceil()),
         reached(search),
     ))
     .because(error);
-    match error {
-        PlanError::TooMany { .. } => failure.hint("allow more with --memory, or a larger --max-error"),
-        PlanError::IndexRange { .. } | PlanError::TooWide => failure.hint("allow a larger --max-error"),
+    match error.enough() {
+        Some(plan) => {
+            // Bricks grow with the cube of what voxels shrink by, at most; and the next pilots may say a little less.
+            let finer = search.next() / expected;
+            #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+            let pilots = SPARE * finer * finer * finer * plan as f64;
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            let bytes = (pilots as u64).saturating_mul(PLANS).saturating_add(PROGRAM + BAKE);
+            failure.hint(format!("allow a larger --max-error, or more with --memory {}", enough(bytes)))
+        }
+        None => failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it"),
     }
 }
 
@@ -266,6 +368,9 @@ fn slow(
     order: f64,
     voxel_size: f64,
 ) -> Failure {
+    if let Some(failure) = coarse(survey, goal, search) {
+        return failure;
+    }
     let failure = Failure::failed(format!(
         "the {} falls only with the power {order:.2} of the voxel size{}; {} would take voxels of about {} m, {} along the longest side",
         goal.metric.name(),
@@ -328,14 +433,16 @@ fn about(job: &Job) -> Result<u64, Failure> {
     let bytes = bytes_of(job, &sample)
         .map_err(|error| Failure::failed("cannot foretell the file's size").because(error))?;
     let part = u128::from(bytes) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
-    Ok(empty.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
+    // Nodes are few where bricks are many, but in a small file they are much of it.
+    let besides = empty + CERTIFICATE + job.bound(&plan).masks;
+    Ok(besides.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
 }
 
-/// Bytes that the bricks of a plan take in a file.
+/// Bytes that the values of a plan's bricks take in a file.
 fn bytes_of(job: &Job, plan: &Plan) -> Result<u64, VdbWriteError> {
     let mut grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
     volume::bake(&job.field, plan, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})?;
-    Ok(grid.encoded_bytes() + 64 * grid.stats().leaves)
+    Ok(grid.encoded_bytes())
 }
 
 fn by_bytes(
@@ -345,25 +452,25 @@ fn by_bytes(
     longest: f64,
     most: u64,
     stop: &impl Fn() -> Result<(), Failure>,
-) -> Result<(), Failure> {
+) -> Result<u64, Failure> {
     const TRIALS: usize = 12;
     let mut tried: Vec<[f64; 2]> = Vec::new();
     let mut voxel_size = longest / FIRST;
     for _ in 0..TRIALS {
         stop()?;
         source.set_voxel_size(voxel_size);
-        let bytes = about(&Job::new(source, moment, options)?)?;
+        let found = about(&Job::new(source, moment, options)?)?;
         #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-        let [bytes, most] = [bytes as f64, most as f64];
+        let [bytes, most] = [found as f64, most as f64];
         if (TAKEN[0] * most..=TAKEN[1] * most).contains(&bytes) {
-            return Ok(());
+            return Ok(found);
         }
         // Where smaller voxels show no more, the file does not grow.
         if tried
             .iter()
             .any(|[size, other]| *size >= 2.0 * voxel_size && bytes <= 1.01 * other && bytes < most)
         {
-            return Ok(());
+            return Ok(found);
         }
         tried.push([voxel_size, bytes]);
         let last: Vec<[f64; 2]> = tried.iter().rev().take(2).copied().collect();
@@ -376,10 +483,12 @@ fn by_bytes(
     // The smallest voxel that takes no more.
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let fits = tried.iter().filter(|[_, bytes]| *bytes <= TAKEN[1] * most as f64);
-    match fits.map(|[size, _]| *size).min_by(f64::total_cmp) {
-        Some(size) => {
-            source.set_voxel_size(size);
-            Ok(())
+    match fits.min_by(|a, b| a[0].total_cmp(&b[0])) {
+        Some([size, bytes]) => {
+            source.set_voxel_size(*size);
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of bytes")]
+            let bytes = *bytes as u64;
+            Ok(bytes)
         }
         None => Err(Failure::failed(format!(
             "no file of at most {} shows anything of the scene",
@@ -391,14 +500,20 @@ fn by_bytes(
 
 /// The lattice's voxel size, in words for notes.
 pub(super) fn told(lattice: Lattice, chosen: &Chosen) -> Option<String> {
-    let goal = chosen.goal?;
+    let size = chosen.about.zip(chosen.most_bytes).map(|(about, most)| {
+        format!("a file of about {} of the {} allowed", text::bytes(about), text::bytes(most))
+    });
+    let Some(goal) = chosen.goal else {
+        return size.map(|size| format!("voxels of {} m are tried for {size}", figure(lattice.voxel_size)));
+    };
     let order =
         chosen.order.map_or_else(String::new, |order| format!(", where it falls with the power {order:.2}"));
     Some(format!(
-        "voxels of {} m are tried for a {} of {}, after {}{order}",
+        "voxels of {} m are tried for a {} of {}, after {}{order}{}",
         figure(lattice.voxel_size),
         goal.metric.name(),
         figure(goal.limit),
         text::number(chosen.pilots.len() as u64, "pilot"),
+        size.map_or_else(String::new, |size| format!("; the error decides, with {size}")),
     ))
 }

@@ -174,7 +174,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         let (report, dimensions) = loop {
             match one(&source, &mut progress, round).map_err(not_this)? {
                 Ok(done) => break done,
-                Err(miss) if round == accuracy::MOST_ROUNDS => {
+                Err(miss) if round == accuracy::MOST_ROUNDS || chosen.is_final(miss) => {
                     return Err(not_this(accuracy::missed(&chosen, miss)));
                 }
                 Err(miss) => {
@@ -323,7 +323,15 @@ fn bake(
     if chosen.measures() {
         let begun = clock.read();
         let held = grid.encoded_bytes() - grid.spooled_bytes() + plan.memory() as u64;
-        let made = certify::Made { job, output: &output, path, header: &header, content: &content, held };
+        let made = certify::Made {
+            job,
+            output: &output,
+            path,
+            header: &header,
+            content: &content,
+            held,
+            bricks: plan.bricks() as u64,
+        };
         let found = pool.install(|| certify::certified(&made, chosen, round))?;
         let ended = clock.read();
         measuring = [0, 1].map(|which| ended[which] - begun[which]);
@@ -344,6 +352,8 @@ fn bake(
     if chosen.most_bytes.is_some_and(|most| bytes > most) {
         return Ok(Err(Miss::Bytes(bytes)));
     }
+    // Of what was there before: the new file is never beside it.
+    certify::forget(path)?;
     output
         .publish()
         .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))?;
@@ -505,6 +515,9 @@ fn brief(report: &Report, explain: bool) -> String {
         text::count(report.active_voxels),
         text::seconds(report.seconds.total),
     ));
+    if let Some(certificate) = &report.certificate {
+        certify::show(certificate, &mut table);
+    }
     if explain {
         table.rows("left out", &report.left_out, "nothing");
     }

@@ -1,15 +1,16 @@
 //! What a file is measured to be, in it and beside it.
 
+use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::accuracy::{Chosen, Miss, PROCESS};
+use super::accuracy::{Chosen, Miss};
 use super::compare::figure;
 use super::job::Job;
-use super::memory::enough;
+use super::memory::{PROGRAM, enough};
 use super::output::Output;
 use super::recipe::CREATOR;
 use super::text::{self, Table};
@@ -27,7 +28,7 @@ pub(super) const VERSION: u32 = 1;
 /// Other points than those that a voxel size is chosen by.
 pub(super) const STREAM: u64 = 0x6365_7274;
 const POINTS: usize = 60_000;
-const RAYS: usize = 500;
+const RAYS: usize = 2000;
 const TRUTH: &str = "the scene's definition in double precision: no octave faded, nothing widened";
 
 /// What a certificate looks at.
@@ -63,21 +64,62 @@ pub(super) fn entry(certificate: &Certificate) -> Result<String, Failure> {
         .map_err(|error| Failure::failed("cannot write the certificate").because(error))
 }
 
-/// Reads the density of a file that was baked.
-pub(super) fn density(input: impl Read + Seek, path: &Path, budget: u64) -> Result<Tree<f32>, Failure> {
-    let name = path.display();
-    read(input, path, budget, Failure::failed(format!("{name} takes too much memory")))
+/// Takes away the certificate of a file that is no more, if one lies there.
+pub(super) fn forget(path: &Path) -> Result<(), Failure> {
+    let beside = beside(path);
+    let Some(Ok(_)) = read_beside(&beside) else { return Ok(()) };
+    std::fs::remove_file(&beside).map_err(|error| {
+        Failure::failed(format!("cannot remove {}, which is of an older file", beside.display()))
+            .because(error)
+    })
 }
 
-/// The same, with what to say where it is too large.
-fn read(input: impl Read + Seek, path: &Path, budget: u64, large: Failure) -> Result<Tree<f32>, Failure> {
+/// What lies under a certificate's name: `None` where there is nothing, and an error where that is no certificate.
+pub(super) fn read_beside(beside: &Path) -> Option<Result<Certificate, String>> {
+    /// Bytes of a certificate with its scene's text: more are none.
+    const MOST: u64 = 1 << 28;
+    let file = File::open(beside).ok()?;
+    let mut text = String::new();
+    let read = file.take(MOST).read_to_string(&mut text).map_err(|error| error.to_string());
+    Some(read.and_then(|_| serde_json::from_str(&text).map_err(|error| error.to_string())))
+}
+
+/// Memory that is enough to read and to measure so many bricks, beside what is held and what reading asked for.
+fn needed(held: u64, bricks: u64, asked: u64) -> String {
+    /// Bytes of a brick: its values, its place, and those in three plans.
+    const BRICK: u64 = 4096;
+    /// Of nodes that hold few bricks.
+    const NODES: u64 = 16 << 20;
+    let grid = bricks.saturating_mul(BRICK).saturating_add(NODES).max(asked.saturating_mul(2));
+    format!("allow more with --memory {}", enough(held.saturating_add(PROGRAM).saturating_add(grid)))
+}
+
+/// Reads the density of a file that was baked, of about so many bricks.
+pub(super) fn density(
+    input: impl Read + Seek,
+    path: &Path,
+    budget: u64,
+    bricks: u64,
+) -> Result<Tree<f32>, Failure> {
+    let name = path.display();
+    read(input, path, budget, [0, bricks], Failure::failed(format!("{name} takes too much memory")))
+}
+
+/// The same, with what to say where it is too large beside the bytes that are held.
+fn read(
+    input: impl Read + Seek,
+    path: &Path,
+    budget: u64,
+    [held, bricks]: [u64; 2],
+    large: Failure,
+) -> Result<Tree<f32>, Failure> {
     let unreadable = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
     let mut file = VdbFile::open_within(input, budget).map_err(unreadable)?;
     match file.grid("density").map(|grid| grid.tree) {
         Ok(AnyTree::Float(tree)) => Ok(tree),
         Ok(_) => Err(Failure::input(format!("the density of {} is not of single precision", path.display()))),
-        Err(error @ VdbReadError::Memory { .. }) => {
-            Err(large.because(error).hint("allow more with --memory"))
+        Err(error @ VdbReadError::Memory { needed: asked, .. }) => {
+            Err(large.because(error).hint(needed(held, bricks, asked)))
         }
         Err(error) => Err(unreadable(error)),
     }
@@ -90,12 +132,13 @@ pub(super) fn measured(
     tree: Tree<f32>,
     precision: Precision,
     budget: u64,
+    [held, bricks]: [u64; 2],
 ) -> Result<(Measured, FieldDifference, Residuals), Failure> {
     measure(scene, lattice, tree, look(precision), budget).map_err(|error| {
         let failure = Failure::failed("cannot measure the file");
         match error {
-            TrialError::Plan(_) => {
-                failure.because(error).hint(format!("allow more with --memory {}", enough(2 * budget)))
+            TrialError::Plan(plan) => {
+                failure.because(plan).hint(needed(held, bricks, plan.enough().unwrap_or(0)))
             }
             error => failure.because(error),
         }
@@ -113,6 +156,8 @@ pub(super) struct Made<'a> {
     pub(super) content: &'a str,
     /// Bytes of the memory that its bake holds.
     pub(super) held: u64,
+    /// Bricks of its plan.
+    pub(super) bricks: u64,
 }
 
 /// What it is certified to be, unless it misses what is asked for.
@@ -121,16 +166,19 @@ pub(super) fn certified(
     chosen: &Chosen,
     round: u32,
 ) -> Result<Result<Certificate, Miss>, Failure> {
-    let Made { job, output, path, header, content, held } = made;
+    let Made { job, output, path, header, content, held, bricks } = made;
     let mut file = output.file();
     file.rewind().map_err(|error| disk::failure(path, error.into()))?;
-    let budget = job.budget().saturating_sub(held + PROCESS);
-    let tree = read(file, path, budget, Failure::failed("the file takes too much memory to be measured"))?;
-    let (measured, found, _) = measured(&job.scene, job.lattice, tree, job.encoder.precision(), budget)?;
+    let budget = job.budget().saturating_sub(held + PROGRAM);
+    let large = Failure::failed("the file takes too much memory to be measured");
+    let besides = [*held, *bricks];
+    let tree = read(file, path, budget, besides, large)?;
+    let precision = job.encoder.precision();
+    let (measured, found, _) = measured(&job.scene, job.lattice, tree, precision, budget, besides)?;
     let mut goal = None;
     if let Some(asked) = chosen.goal {
         // Of nothing nothing is missed.
-        let nothing = if found.errors.peak == 0.0 { [0.0; 2] } else { [f64::INFINITY; 2] };
+        let nothing = if found.errors.is_of_nothing() { [0.0; 2] } else { [f64::INFINITY; 2] };
         let value = asked.metric.of(&found).unwrap_or(nothing);
         if value[1] > asked.limit {
             return Ok(Err(Miss::Error(value)));

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::io::{self, IsTerminal, Write};
+use std::path::Path;
 
 use crate::scene::SceneErrors;
 
@@ -43,6 +44,13 @@ impl Failure {
     /// A scene or input file is not there, not readable or not valid.
     pub(super) fn input(message: impl Into<String>) -> Failure {
         Failure::new(Kind::Input, message)
+    }
+
+    /// A file that cannot be opened; where there is none, with what may be meant.
+    pub(super) fn unreadable(path: &Path, error: io::Error) -> Failure {
+        let is_missing = error.kind() == io::ErrorKind::NotFound;
+        let failure = Failure::input(format!("cannot read {}", path.display())).because(error);
+        if is_missing { failure.hint(missing(path)) } else { failure }
     }
 
     /// What was to be checked does not hold.
@@ -114,6 +122,26 @@ impl Failure {
             writeln!(out, "hint: {hint}")?;
         }
         Ok(())
+    }
+}
+
+/// What may be meant by the name of a file that is not there.
+fn missing(path: &Path) -> String {
+    /// Names that are less alike than this are other names.
+    const ALIKE: f64 = 0.8;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return format!("there is no folder {}", folder.display());
+    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let names = entries.filter_map(|entry| Some(entry.ok()?.file_name().to_string_lossy().into_owned()));
+    let like = names.map(|other| (strsim::jaro_winkler(&name, &other), other));
+    let nearest = like
+        .filter(|(alike, _)| *alike >= ALIKE)
+        .max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)));
+    match nearest {
+        Some((_, other)) => format!("there is a file {}", path.with_file_name(other).display()),
+        None => "names are relative to the current folder".to_owned(),
     }
 }
 

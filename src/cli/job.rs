@@ -28,6 +28,8 @@ pub(super) const VDB_MAGIC: [u8; 8] = *b" BDV\0\0\0\0";
 const LARGEST_SCENE: u64 = 256 << 20;
 /// A brick is reached by about so many pieces of axes.
 const CONTACTS: f64 = 4.0;
+/// Bytes beside the plan and the leaves' places with which a bake of any size can do.
+const LEAST: u64 = 16 << 20;
 
 /// What a scene is compiled with.
 #[derive(Debug, Args)]
@@ -260,7 +262,7 @@ impl Job {
     pub(super) fn plan(&self) -> Result<Plan, Failure> {
         match self.try_plan(self.lattice) {
             Ok(plan) => Ok(plan),
-            Err(Misfit::Memory { bricks, need }) => Err(self.over_budget(bricks, need)),
+            Err(Misfit::Memory { bricks, need, enough }) => Err(self.over_budget(bricks, need, enough)),
             Err(Misfit::Range(error)) => Err(self.out_of_range(error)),
         }
     }
@@ -301,20 +303,30 @@ impl Job {
             Ok(plan) => {
                 let least = self.need(&plan, &self.bound(&plan)).least();
                 #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
-                let misfit = Misfit::Memory { bricks: Some(plan.bricks() as u64), need: least as f64 };
+                let misfit =
+                    Misfit::Memory { bricks: Some(plan.bricks() as u64), need: least as f64, enough: least };
                 if least <= self.budget() { Ok(plan) } else { Err(misfit) }
             }
             #[allow(clippy::cast_precision_loss, reason = "as above")]
-            Err(PlanError::TooMany { bricks }) => Err(Misfit::Memory {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "bytes, and saturating"
+            )]
+            Err(error @ PlanError::TooMany { bricks }) => Err(Misfit::Memory {
                 bricks: None,
                 need: process as f64 + bricks / CONTACTS * memory::BRICK as f64,
+                // Planned, and then baked: no brick counts less than once.
+                enough: (process + LEAST)
+                    .saturating_add(error.enough().unwrap_or(0))
+                    .saturating_add((bricks * memory::BRICK as f64) as u64),
             }),
             Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }
     }
 
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bytes, and saturating")]
-    fn over_budget(&self, bricks: Option<u64>, need: f64) -> Failure {
+    fn over_budget(&self, bricks: Option<u64>, need: f64, enough: u64) -> Failure {
         #[allow(clippy::cast_precision_loss, reason = "for show")]
         let budget = self.budget.show(self.budget.bytes() as f64);
         let failure = Failure::failed(match bricks {
@@ -327,10 +339,7 @@ impl Job {
                 "too many bricks for the memory: to plan them takes more than the {budget} that may be used"
             ),
         });
-        let more = match bricks {
-            Some(_) => format!("allow more with --memory {}", memory::enough(need as u64)),
-            None => "allow more with --memory".to_owned(),
-        };
+        let more = format!("allow more with --memory {}", memory::enough(enough));
         match self.fitting(self.coarser(self.lattice.voxel_size, need)) {
             Some(size) => failure.hint(format!("--voxel-size {size} fits, or {more}")),
             None => failure.hint(format!("no voxel size fits that leaves any of the density: {more}")),
@@ -411,8 +420,8 @@ impl Job {
 #[derive(Debug)]
 enum Misfit {
     /// The process with so many bricks needs more bytes than it may use. Where even the plan does, the bricks are not
-    /// known, and the bytes are a guess.
-    Memory { bricks: Option<u64>, need: f64 },
+    /// known, and the bytes are a guess; but so many are enough.
+    Memory { bricks: Option<u64>, need: f64, enough: u64 },
     /// Beyond what voxels can be numbered.
     Range(PlanError),
 }
@@ -463,7 +472,7 @@ fn round_up(x: f64) -> f64 {
 /// Reads a scene file.
 pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     let origin = path.display().to_string();
-    let failed = |error| Failure::input(format!("cannot read {origin}")).because(error);
+    let failed = |error| Failure::unreadable(path, error);
     let mut bytes = Vec::new();
     File::open(path).and_then(|file| file.take(LARGEST_SCENE + 1).read_to_end(&mut bytes)).map_err(failed)?;
     if bytes.len() as u64 > LARGEST_SCENE {

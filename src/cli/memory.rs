@@ -6,10 +6,12 @@ use bytesize::ByteSize;
 
 use super::machine;
 use crate::formats::vdb::{Compression, Encoder, GridBound, VdbGridBuilder};
-use crate::volume::{IN_FLIGHT, Plan};
+use crate::volume::{IN_FLIGHT, Plan, PlanError};
 
 /// Bytes that the process takes without a scene: 7 to 9 MB were measured, with one brick of each scene of the project.
 const PROCESS: u64 = 11 << 20;
+/// Bytes that the program takes besides plans, grids and pictures, where it does not bake: 12 MB were measured.
+pub(super) const PROGRAM: u64 = 16 << 20;
 /// Bytes for each thread: a run of bricks, working memory of the evaluation, and of the encoder.
 const THREAD: u64 = 384 << 10;
 /// Bytes besides for each thread that makes zlib streams.
@@ -53,6 +55,11 @@ impl Amount {
 /// An amount that is no less than so many bytes, as `--memory` takes it.
 pub(super) fn enough(bytes: u64) -> String {
     format!("{}MiB", bytes.div_ceil(1 << 20))
+}
+
+/// What to do where a plan has no room in the memory of a process that takes so many bytes besides.
+pub(super) fn room_for(error: PlanError, besides: u64) -> Option<String> {
+    error.enough().map(|plan| format!("allow more with --memory {}", enough(plan.saturating_add(besides))))
 }
 
 impl FromStr for Amount {

@@ -8,7 +8,8 @@ use clap::Args;
 use super::compare::figure;
 use super::interrupt::Interrupt;
 use super::job::{Compiled, SceneOptions, Source};
-use super::output::save;
+use super::memory::{PROGRAM, enough};
+use super::output::{Output, save};
 use super::progress::Progress;
 use super::sample::unplanned;
 use super::{Failure, Global, text};
@@ -18,9 +19,8 @@ use crate::report::TrialError;
 use crate::report::page::{PageError, drawings, galleries, page};
 use crate::report::sweep::{Effort, Kind, Report, Row, sweep};
 use crate::scene::Scene;
+use crate::volume::PlanError;
 
-/// Bytes that the program takes besides plans.
-const PROCESS: u64 = 16 << 20;
 /// Steps of progress.
 const FINENESS: f64 = 1000.0;
 
@@ -88,6 +88,7 @@ impl Form {
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let form = Form::of(&arguments.output)?;
     let interrupt = Interrupt::listen()?;
+    check(form, &arguments.output)?;
     let pool = global.pool()?;
     let files = pool.install(|| {
         let Compiled { scene, lattice, .. } =
@@ -105,6 +106,17 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.show(&report, |report| human(report, &arguments.output))
 }
 
+/// Refuses places where nothing can be written, before anything is measured.
+fn check(form: Form, output: &Path) -> Result<(), Failure> {
+    // Made and dropped: only that tells whether a file may be made in a folder.
+    Output::create(output)?;
+    if form == Form::Html {
+        Output::check(&output.with_extension("json"))?;
+        Output::check(&output.with_extension("csv"))?;
+    }
+    Ok(())
+}
+
 /// What is written, and where: the page last, so that who finds it finds all of it.
 fn files(
     form: Form,
@@ -119,8 +131,9 @@ fn files(
         serde_json::to_vec_pretty(report)
             .map_err(|error| Failure::failed("cannot write the report").because(error))
     };
+    let csv = || report.to_csv().map_err(|error| Failure::failed("cannot write the report").because(error));
     match form {
-        Form::Csv => Ok(vec![(output.clone(), report.to_csv().into_bytes())]),
+        Form::Csv => Ok(vec![(output.clone(), csv()?)]),
         Form::Json => Ok(vec![(output.clone(), json()?)]),
         Form::Html => {
             let drawn = |error: PageError| {
@@ -130,10 +143,8 @@ fn files(
             let budget = arguments.budget();
             let shots = galleries(scene, lattice, arguments.size, budget, &mut goes_on).map_err(cannot)?;
             interrupt.check()?;
-            let mut files = vec![
-                (output.with_extension("json"), json()?),
-                (output.with_extension("csv"), report.to_csv().into_bytes()),
-            ];
+            let mut files =
+                vec![(output.with_extension("json"), json()?), (output.with_extension("csv"), csv()?)];
             for plot in drawings(report).map_err(drawn)? {
                 files.push((beside(output, plot.name, "svg"), plot.svg.into_bytes()));
                 files.push((beside(output, plot.name, "png"), plot.png));
@@ -155,7 +166,15 @@ fn beside(page: &Path, plot: &str, ending: &str) -> PathBuf {
 }
 
 fn cannot(error: TrialError) -> Failure {
+    /// Bytes for each brick, with room to spare: it is planned, baked, written, read and drawn.
+    const BRICK: f64 = 32768.0;
     match error {
+        TrialError::Plan(error @ PlanError::TooMany { bricks }) => {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            let bytes = PROGRAM.saturating_add((BRICK * bricks) as u64);
+            Failure::failed(error.to_string())
+                .hint(format!("take a larger --voxel-size, or allow more with --memory {}", enough(bytes)))
+        }
         TrialError::Plan(error) => unplanned(error),
         error => Failure::failed("cannot measure the scene").because(error),
     }
@@ -164,7 +183,7 @@ fn cannot(error: TrialError) -> Failure {
 impl Arguments {
     /// Bytes for each plan, and for the voxels of each picture.
     fn budget(&self) -> u64 {
-        self.options.budget().bytes().saturating_sub(PROCESS)
+        self.options.budget().bytes().saturating_sub(PROGRAM)
     }
 }
 

@@ -64,6 +64,10 @@ pub(super) fn bytes(n: u64) -> String {
 
 /// Four significant digits.
 pub(super) fn short(x: f64) -> String {
+    // Beyond that zeros are hard to count.
+    if x.is_finite() && x.abs() >= 1e12 {
+        return format!("{x:.3e}");
+    }
     format!("{x:.3e}").parse::<f64>().map_or_else(|_| x.to_string(), |x| x.to_string())
 }
 

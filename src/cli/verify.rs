@@ -7,9 +7,10 @@ use clap::Args;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::compare::figure;
 use super::interrupt::Interrupt;
 use super::job::load_scene;
-use super::memory::Amount;
+use super::memory::{Amount, PROGRAM, room_for};
 use super::output::save;
 use super::recipe::{CREATOR, antialias_name};
 use super::{Failure, Global, certify, text};
@@ -21,10 +22,8 @@ use crate::report::{
 };
 use crate::scene::Scene;
 use crate::scene::limit::{ANY, POSITIVE};
-use crate::volume::{Plan, Precision, Tree};
+use crate::volume::{Plan, Precision};
 
-/// Bytes that the program takes besides the grid and the plan.
-const PROCESS: u64 = 16 << 20;
 /// Figures of a certificate are the same on every run, but for what JSON keeps of them.
 const SAME: f64 = 1e-9;
 
@@ -50,7 +49,8 @@ fn bricks(text: &str) -> Result<usize, String> {
     if text == "all" {
         return Ok(usize::MAX);
     }
-    text.parse().map_err(|_| "expected a number of bricks, or `all`".to_owned())
+    let bricks = text.parse().ok().filter(|bricks| *bricks > 0);
+    bricks.ok_or_else(|| "expected a number of bricks of at least 1, or `all`".to_owned())
 }
 
 /// What a file's metadata say that it was baked with.
@@ -93,6 +93,8 @@ struct Report {
     other_grids: usize,
     /// Null where there is none.
     certificate: Option<Certified>,
+    /// That which lies beside the file; null where there is none.
+    certificate_beside: Option<Beside>,
     /// Files that were written.
     exported: Vec<String>,
     holds: bool,
@@ -114,6 +116,14 @@ struct Certified {
     holds: bool,
 }
 
+/// A certificate in a file of its own.
+#[derive(Debug, Serialize)]
+struct Beside {
+    file: String,
+    /// Why it is none of the file that it lies beside; null where it is.
+    fault: Option<String>,
+}
+
 /// Verifies.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let interrupt = Interrupt::listen()?;
@@ -131,17 +141,18 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 
 fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Result<Report, Failure> {
     let path = &arguments.file;
-    let budget = arguments.memory.unwrap_or_else(Amount::installed).bytes().saturating_sub(PROCESS);
+    let budget = arguments.memory.unwrap_or_else(Amount::installed).bytes().saturating_sub(PROGRAM);
     let FileInfo { metadata, grids, .. } = info(path, budget)?;
+    let creator = match metadata.get("creator") {
+        Some(Meta::String(creator)) => creator.clone(),
+        _ => String::new(),
+    };
     let text = |name: &str| match metadata.get(name) {
         Some(Meta::String(text)) => Ok(text.as_str()),
-        _ => Err(Failure::input(format!(
-            "{} carries no {name}: it was not baked by this program",
-            path.display()
-        ))),
+        _ => Err(foreign(path, name, &creator)),
     };
-    let creator = text("creator").unwrap_or_default().to_owned();
-    if creator != CREATOR {
+    text("vdbake_settings")?;
+    if creator != CREATOR && !creator.is_empty() {
         global.note(&format!("the file is by {}, and this is {CREATOR}", text::tidy(&creator)));
     }
     let damaged = |what: &str| Failure::input(format!("the {what} in {} make no sense", path.display()));
@@ -157,30 +168,35 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     }
     let scene = scene(arguments, text("vdbake_scene")?, text("vdbake_inputs").ok())?.at(recipe.time)?;
     let lattice = Lattice { voxel_size: recipe.voxel_size };
-    let tree = read(path, budget)?;
+    let mut field = Field::compile(&scene);
+    field.widen(lattice);
+    let plan = Plan::new(&field, lattice, budget).map_err(|error| {
+        let failure = Failure::failed("the bricks cannot be planned").because(error);
+        room_for(error, PROGRAM).into_iter().fold(failure, Failure::hint)
+    })?;
+    let besides = [0, plan.bricks() as u64];
+    let tree = certify::density(open(path)?, path, budget, besides[1])?;
 
     let stated = text("vdbake_content_hash")?.to_owned();
     let found = text::hexadecimal(&content_hash(&tree));
     let content = Check { holds: stated == found, stated, found };
     interrupt.check()?;
 
-    let mut field = Field::compile(&scene);
-    field.widen(lattice);
-    let plan = Plan::new(&field, lattice, budget).map_err(|error| {
-        Failure::failed("the bricks cannot be planned").because(error).hint("allow more with --memory")
-    })?;
     let Rederived { bricks, differ, first, outside } =
         rederive(&tree, &field, &plan, scene.bake().cutoff, precision, arguments.bricks);
     interrupt.check()?;
 
-    let certificate = text(certify::CERTIFICATE).ok();
+    let (beside, other) = beside(path, text(certify::CERTIFICATE).ok(), &content).unzip();
+    // One that lies beside it alone is held against the file as if it were in it.
+    let certificate = text(certify::CERTIFICATE).ok().map(str::to_owned).or(other.flatten());
     let mut exported = Vec::new();
     let certified = if certificate.is_some() || arguments.export.is_some() {
-        let (measured, found, residuals) = certify::measured(&scene, lattice, tree, precision, budget)?;
+        let (measured, found, residuals) =
+            certify::measured(&scene, lattice, tree, precision, budget, besides)?;
         if let Some(folder) = &arguments.export {
             exported = export(folder, &residuals, interrupt)?;
         }
-        certificate.map(|text| certified(text, measured, &found, &scene, &content, &metadata))
+        certificate.map(|text| certified(&text, measured, &found, &scene, &content, &metadata))
     } else {
         None
     };
@@ -197,7 +213,8 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         && differ == 0
         && outside.is_none()
         && same_settings(&recipe, &scene)
-        && certified.as_ref().is_none_or(|certified| certified.holds);
+        && certified.as_ref().is_none_or(|certified| certified.holds)
+        && beside.as_ref().is_none_or(|beside| beside.fault.is_none());
     Ok(Report {
         file: path.display().to_string(),
         creator,
@@ -210,8 +227,38 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         densities,
         other_grids,
         certificate: certified,
+        certificate_beside: beside,
         exported,
         holds,
+    })
+}
+
+/// Of a file that says nothing of how it was made.
+fn foreign(path: &Path, name: &str, creator: &str) -> Failure {
+    let by = if creator.is_empty() { String::new() } else { format!(", but by {}", text::tidy(creator)) };
+    Failure::input(format!("{} carries no {name}: it was not baked by this program{by}", path.display()))
+        .hint("`vdbake info` tells what is in it, and `vdbake compare` holds it against a scene")
+}
+
+/// The certificate beside a file, which may be of values that it held before, or may have been altered; and its text, where
+/// it is of the file's values.
+fn beside(path: &Path, own: Option<&str>, content: &Check) -> Option<(Beside, Option<String>)> {
+    let beside = certify::beside(path);
+    let found = match certify::read_beside(&beside)? {
+        Err(error) => Err(format!("it makes no sense: {error}")),
+        Ok(found) if found.content_hash != content.found => Err("it is of other values".to_owned()),
+        Ok(found) => serde_json::to_value(found).map_err(|error| error.to_string()),
+    };
+    let value = |text| serde_json::from_str::<serde_json::Value>(text).ok();
+    let is_other = |found: &_| own.is_some_and(|own| value(own).is_none_or(|own| !same_numbers(&own, found)));
+    let found = found.and_then(|found| match is_other(&found) {
+        true => Err("it says something else than that in the file".to_owned()),
+        false => Ok(found.to_string()),
+    });
+    let file = beside.display().to_string();
+    Some(match found {
+        Ok(text) => (Beside { file, fault: None }, Some(text)),
+        Err(fault) => (Beside { file, fault: Some(fault) }, None),
     })
 }
 
@@ -233,17 +280,13 @@ fn same_settings(recipe: &Recipe, scene: &Scene) -> bool {
 }
 
 fn open(path: &Path) -> Result<File, Failure> {
-    File::open(path).map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))
+    File::open(path).map_err(|error| Failure::unreadable(path, error))
 }
 
 fn info(path: &Path, budget: u64) -> Result<FileInfo, Failure> {
     let failed =
         |error: VdbReadError| Failure::input(format!("cannot read {}", path.display())).because(error);
     Ok(VdbFile::open_within(open(path)?, budget).map_err(failed)?.info().clone())
-}
-
-fn read(path: &Path, budget: u64) -> Result<Tree<f32>, Failure> {
-    certify::density(open(path)?, path, budget)
 }
 
 /// The scene of a file, with the files that it names, which must be those that it was baked with.
@@ -343,7 +386,15 @@ fn unmet(certificate: &Certificate, found: &FieldDifference) -> Option<String> {
     let is_so = near(reached.achieved, achieved)
         && near(reached.at_most, at_most)
         && at_most <= reached.goal.limit * (1.0 + SAME);
-    (!is_so).then(|| format!("its goal: {} was measured, at most {at_most}", achieved))
+    (!is_so).then(|| {
+        let limit = reached.goal.limit;
+        format!(
+            "its goal of {}: {} was measured, at most {}",
+            figure(limit),
+            figure(achieved),
+            figure(at_most)
+        )
+    })
 }
 
 /// Figures that are not as certified, by their places.
@@ -365,8 +416,28 @@ fn compare(place: &str, stated: &serde_json::Value, found: &serde_json::Value, f
             }
         }
         (a, b) if same_numbers(a, b) => {}
-        (a, b) => faults.push(format!("{}: {a} is stated, and {b} was measured", place.trim_start())),
+        (a, b) => {
+            let [a, b] = told_apart(a, b);
+            faults.push(format!("{}: {a} is stated, and {b} was measured", place.trim_start()));
+        }
     }
+}
+
+/// Two values in as few digits, from four, as show that they differ.
+fn told_apart(a: &serde_json::Value, b: &serde_json::Value) -> [String; 2] {
+    if let (Some(x), Some(y)) = (a.as_f64(), b.as_f64()) {
+        let shown = [figure(x), figure(y)];
+        if shown[0] != shown[1] {
+            return shown;
+        }
+        for digits in 4..17 {
+            let shown = [x, y].map(|x| format!("{x:.digits$e}"));
+            if shown[0] != shown[1] {
+                return shown;
+            }
+        }
+    }
+    [a, b].map(serde_json::Value::to_string)
 }
 
 /// Writes what statistics are made from.
@@ -435,8 +506,29 @@ fn human(report: &Report) -> String {
             }
         }
     }
+    if let Some(Beside { file, fault: Some(fault) }) = &report.certificate_beside {
+        table.row("beside it", format!("the certificate {file} does not belong to the file: {fault}"));
+    }
     if !report.exported.is_empty() {
         table.rows("written", &report.exported, "");
     }
     table.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn figures_have_as_many_digits_as_tell_them_apart() {
+        for (a, b, shown) in [
+            (json!(0.123_456_789), json!(0.25), ["0.1235", "0.25"]),
+            (json!(0.123_456_789_1), json!(0.123_456_789_2), ["1.234567891e-1", "1.234567892e-1"]),
+            (json!(null), json!(1.5), ["null", "1.5"]),
+        ] {
+            assert_eq!(told_apart(&a, &b), shown);
+        }
+    }
 }

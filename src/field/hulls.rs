@@ -60,16 +60,23 @@ pub(crate) enum Hull {
 impl Field {
     /// Bodies that hold all of the density, as it is evaluated for blocks of this lattice.
     pub(crate) fn hulls(&self, lattice: Lattice) -> Vec<Hull> {
+        self.hulls_by_segment(lattice).flatten().collect()
+    }
+
+    /// The same, those of each segment of a curve together, and each end and corner for itself.
+    pub(crate) fn hulls_by_segment(&self, lattice: Lattice) -> impl Iterator<Item = Vec<Hull>> {
         let h = lattice.voxel_size;
-        let mut hulls = Vec::new();
-        for tube in &self.tubes {
-            for span in tube.spans.iter().flatten() {
-                let ends = span.core.map(|t| (t - span.middle) / span.half);
-                divide(span, ends, h, 0, &mut hulls);
-            }
-            hulls.extend(tube.points.iter().map(|point| Hull::Ball(ball(point, h))));
-        }
-        hulls
+        self.tubes.iter().flat_map(move |tube| {
+            let segments = tube.spans.iter().map(move |spans| {
+                let mut hulls = Vec::new();
+                for span in spans {
+                    let ends = span.core.map(|t| (t - span.middle) / span.half);
+                    divide(span, ends, h, 0, &mut hulls);
+                }
+                hulls
+            });
+            segments.chain(tube.points.iter().map(move |point| vec![Hull::Ball(ball(point, h))]))
+        })
     }
 }
 

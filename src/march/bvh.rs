@@ -15,9 +15,9 @@ pub(super) struct Corners {
 }
 
 impl Corners {
-    const NONE: Corners = Corners { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+    pub(super) const NONE: Corners = Corners { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
 
-    fn with(self, other: Corners) -> Corners {
+    pub(super) fn with(self, other: Corners) -> Corners {
         Corners { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
@@ -30,8 +30,19 @@ impl Corners {
         self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
     }
 
-    /// Whether the line through `origin` along `direction` may be within, from `t = 0` on.
+    pub(super) fn holds(&self, point: DVec3) -> bool {
+        self.low.cmple(point).all() && point.cmple(self.high).all()
+    }
+
+    /// Whether the line through `origin`, with `inverse` the reciprocal of its direction, may be within, from `t = 0` on.
+    #[inline]
     pub(super) fn is_met(&self, origin: DVec3, inverse: DVec3) -> bool {
+        self.interval(origin, inverse).is_some()
+    }
+
+    /// From where to where it is.
+    #[inline]
+    pub(super) fn interval(&self, origin: DVec3, inverse: DVec3) -> Option<[f64; 2]> {
         let (mut enters, mut leaves) = (0.0_f64, f64::INFINITY);
         for axis in 0..3 {
             let near = (self.low[axis] - origin[axis]) * inverse[axis];
@@ -44,7 +55,7 @@ impl Corners {
             }
         }
         // Rounding of these three products and differences.
-        enters <= leaves * (1.0 + 1e-14) + f64::MIN_POSITIVE
+        (enters <= leaves * (1.0 + 1e-14) + f64::MIN_POSITIVE).then_some([enters, leaves.max(enters)])
     }
 }
 

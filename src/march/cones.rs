@@ -29,6 +29,11 @@ impl TubeBounds {
         TubeBounds::of(field.hulls(lattice))
     }
 
+    /// Where a ray is inside of the box around all of them, from its origin on.
+    pub(super) fn around(&self, ray: &Ray) -> Option<Interval> {
+        self.bvh.corners()?.interval(ray.origin, ray.direction.recip())
+    }
+
     fn of(hulls: Vec<Hull>) -> TubeBounds {
         let boxes: Vec<Corners> = hulls.iter().map(Hull::corners).collect();
         TubeBounds { bvh: Bvh::new(&boxes), hulls }
@@ -60,18 +65,7 @@ impl TubeBounds {
                 }
             },
         );
-        found.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-        let mut kept = 0;
-        for at in 1..found.len() {
-            let next = found[at];
-            if next[0] <= found[kept][1] {
-                found[kept][1] = found[kept][1].max(next[1]);
-            } else {
-                kept += 1;
-                found[kept] = next;
-            }
-        }
-        found.truncate(kept + 1);
+        join(found);
     }
 
     /// Whether a point is inside of any of them.
@@ -112,6 +106,30 @@ impl TubeBounds {
             },
         );
     }
+}
+
+/// Puts intervals in order, and makes one of those that touch.
+pub(super) fn join(found: &mut Vec<Interval>) {
+    found.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut kept = 0;
+    for at in 1..found.len() {
+        let next = found[at];
+        if next[0] <= found[kept][1] {
+            found[kept][1] = found[kept][1].max(next[1]);
+        } else {
+            kept += 1;
+            found[kept] = next;
+        }
+    }
+    found.truncate(kept + 1);
+}
+
+/// The box of every segment of a curve with its radius, and of every end and corner, along the world's axes.
+pub(super) fn segment_boxes(field: &Field, lattice: Lattice) -> Vec<Corners> {
+    let boxes = field
+        .hulls_by_segment(lattice)
+        .map(|hulls| hulls.iter().map(Hull::corners).fold(Corners::NONE, Corners::with));
+    boxes.collect()
 }
 
 impl Hull {

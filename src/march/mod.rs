@@ -31,9 +31,10 @@
 //! - Scenes (`procedural`): the same rule over equal segments no longer than a step, shorter where it is dense (`steps`). They
 //!   begin and end where a ray enters and leaves the tubes (`clip`), by the closed forms of truncated cones along them
 //!   (`cones`, and a tree of them in `bvh`). So the error is of order 4 in the step where the density is smooth inside tubes,
-//!   and nothing is evaluated outside of them. Other programs' rules are there to be compared with (`methods`).
+//!   and nothing is evaluated outside of them. Other programs' rules are there to be compared with (`methods`, `strides`).
 //! - Within a segment the source is linear in the optical depth (`segment`): a uniform source is integrated exactly.
-//! - Shadows (`shadow`) are kept as optical depths along rays from the lamps, or found by a ray from every sample (`exact`).
+//! - Shadows (`shadow`) are kept as optical depths along rays from the lamps, or found by a ray from every sample (`exact`),
+//!   or left out.
 //! - Single rays (`walk`, `points`) go through nodes of 16^3 bricks, bricks and cells.
 //! - Random paths (`path`), with all light that is scattered, by null collisions below each brick's largest density
 //!   (`majorant`).
@@ -63,6 +64,7 @@ mod segment;
 mod shade;
 mod shadow;
 mod steps;
+mod strides;
 mod table;
 #[cfg(test)]
 mod testing;
@@ -79,7 +81,7 @@ pub use cones::{Interval, TubeBounds};
 pub use display::Developed;
 pub use grid::Grid;
 pub use medium::Medium;
-pub use methods::{Entry, Marching, Method};
+pub use methods::{Entry, Intervals, Marching, Method};
 pub use optics::{Lamp, Optics};
 pub use picture::{Film, Integrator, Picture, Quality, Shadow};
 pub use procedural::Procedural;

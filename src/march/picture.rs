@@ -13,7 +13,7 @@ use super::optics::{Lamp, Optics, phase};
 use super::path::Tracer;
 use super::procedural::Worker;
 use super::rays::RAYS;
-use super::shade::{FINE, Lit, Wanted};
+use super::shade::{COARSE, FINE, Lit, Wanted};
 use super::shadow::Shadows;
 use super::tiles::{TILE, Tiles};
 use crate::num::Level;
@@ -43,6 +43,8 @@ pub enum Shadow {
     Cached(f64),
     /// By a ray from every sample to every lamp.
     Exact,
+    /// There are none: light comes to every place as if nothing were on its way.
+    None,
 }
 
 /// What light is followed.
@@ -147,6 +149,8 @@ pub struct Picture<'a> {
     level: Level,
     tiles: Tiles,
     shadows: Option<Shadows>,
+    /// A brick's table where there are no shadows.
+    unshadowed: Vec<f32>,
     /// Of random paths, beside which rays see extinction alone.
     tracer: Option<Tracer<'a>>,
     dark: Optics,
@@ -174,7 +178,7 @@ impl<'a> Picture<'a> {
     ) -> Picture<'a> {
         let tiles = Tiles::new(&camera, quality.size, medium.grid(), medium.bricks());
         let mut film = Film::new(quality.size);
-        let (mut shadows, mut tracer) = (None, None);
+        let (mut shadows, mut tracer, mut unshadowed) = (None, None, Vec::new());
         match (quality.integrator, quality.shadow) {
             (Integrator::Path { seed }, _) => {
                 film.squares = Some(vec![0.0; film.depth.len()]);
@@ -185,10 +189,26 @@ impl<'a> Picture<'a> {
                 shadows = Some(Shadows::new(medium, optics, pitch, level));
             }
             (Integrator::Single, Shadow::Exact) => {}
+            (Integrator::Single, Shadow::None) => {
+                unshadowed = vec![0.0; optics.lamps.len() * COARSE.pow(3)];
+            }
         }
         let dark = optics.clone().absorbing();
         let tables = (0..medium.bricks().blocks.len()).map(|_| OnceLock::new()).collect();
-        Picture { medium, camera, optics, quality, level, tiles, shadows, tracer, dark, tables, film }
+        Picture {
+            medium,
+            camera,
+            optics,
+            quality,
+            level,
+            tiles,
+            shadows,
+            unshadowed,
+            tracer,
+            dark,
+            tables,
+            film,
+        }
     }
 
     /// What rays see.
@@ -326,9 +346,10 @@ impl<'a> Picture<'a> {
                 Some(shadows) if !optics.lamps.is_empty() => {
                     self.tables[number].get_or_init(|| shadows.table(grid, block, self.level))
                 }
-                _ => &[],
+                _ => &self.unshadowed,
             };
-            let edge = self.shadows.as_ref().map_or(FINE, |shadows| shadows.edge);
+            let plain = if self.unshadowed.is_empty() { FINE } else { COARSE };
+            let edge = self.shadows.as_ref().map_or(plain, |shadows| shadows.edge);
             let mut lit = Lit::new(optics, grid, block, table, edge);
             let towards = |lamp: usize, places: &_, wanted| caster.depths(block, lamp, places, wanted);
             if self.quality.shadow == Shadow::Exact && !optics.lamps.is_empty() {

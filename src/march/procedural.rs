@@ -5,15 +5,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::DVec3;
 
 use super::bins::Bins;
+use super::bvh::Corners;
 use super::clip::Near;
-use super::cones::TubeBounds;
+use super::cones::{TubeBounds, segment_boxes};
 use super::grid::{Bricks, EDGE, Grid};
 use super::medium::{Brick, Way};
-use super::methods::{Marching, Method, Strides};
+use super::methods::{Intervals, Marching, Method};
 use super::rays::{LANES, Rays, single};
 use super::segment::GAUSS;
 use super::shade::Group;
 use super::steps::{Place, Room, Rule, Through, Walk, place, through};
+use super::strides::{Bounds, Strides};
 use crate::field::kernel::{Places, Scratch};
 use crate::field::{Extent, Field, Lattice, Region, VOXELS};
 use crate::num::{Level, Real, WithLevel, with_level};
@@ -30,6 +32,8 @@ pub struct Procedural<'a> {
     grid: Grid,
     bricks: Bricks,
     bounds: TubeBounds,
+    /// Of every segment, where they are asked for.
+    boxes: Vec<Corners>,
     step: f64,
     marching: Marching,
     /// Places that the density was evaluated at, and those of them that were inside a tube.
@@ -73,6 +77,7 @@ impl<'a> Procedural<'a> {
             grid: Grid::cubic(lattice.voxel_size),
             bricks: Bricks::new(blocks),
             bounds: TubeBounds::new(field, lattice),
+            boxes: Vec::new(),
             step,
             marching: Marching::default(),
             places: [AtomicU64::new(0), AtomicU64::new(0)],
@@ -81,7 +86,11 @@ impl<'a> Procedural<'a> {
 
     /// The same, marched through in another way. (Shadows are found by Gauss's rule always.)
     pub fn with(self, marching: Marching) -> Procedural<'a> {
-        Procedural { marching, ..self }
+        let boxes = match marching.intervals {
+            Intervals::Bricks | Intervals::Cones => Vec::new(),
+            Intervals::RayBoxes | Intervals::SampleBoxes => segment_boxes(self.field, self.plan.lattice()),
+        };
+        Procedural { marching, boxes, ..self }
     }
 
     /// Places that the density was evaluated at so far, and how many of them were inside a tube (of several pieces of tubes
@@ -103,8 +112,12 @@ impl Procedural<'_> {
     /// Gets ready for new rays that are to be carried.
     pub(super) fn begin(&self, rays: &Rays, worker: &mut Worker) {
         if self.marching.method != Method::Gauss {
-            worker.strides.begin(rays, &self.bounds, self.marching, self.step, self.voxel());
+            worker.strides.begin(rays, self.held_against(), self.marching, self.step, self.voxel());
         }
+    }
+
+    fn held_against(&self) -> Bounds<'_> {
+        Bounds { tubes: &self.bounds, boxes: &self.boxes }
     }
 
     fn voxel(&self) -> f64 {
@@ -133,22 +146,49 @@ impl Procedural<'_> {
     }
 
     pub(super) fn carry(&self, level: Level, brick: Brick<'_>, way: &mut Way, worker: &mut Worker) {
-        let Marching { method, growth, map_every, .. } = self.marching;
+        let Marching { method, growth, map_every, intervals, .. } = self.marching;
         // Steps of other methods are taken wherever they lead.
         if !self.meet(level, brick, way, worker, method != Method::Gauss) {
             return;
         }
         let rule = Rule { method, step: single(self.step), factor: single(1.0 + growth), map_every };
         let mut walks = std::mem::take(&mut worker.walks);
-        let mut batch = std::mem::take(&mut worker.batch);
         walks.clear();
         // The last is taken first.
         for first in (0..way.hits.count).step_by(LANES).rev() {
             walks.push(match method {
                 Method::Gauss => Walk::even(&way.hits, first, rule),
-                _ => Walk::strides(&way.hits, first, rule, &mut worker.strides),
+                _ => Walk::strides(&way.hits, first, rule, &mut worker.strides, self.held_against()),
             });
         }
+        self.go_through(level, brick, way, worker, rule, &mut walks);
+        // Steps that follow after others outside, until there are no more.
+        let mut is_cut = intervals != Intervals::Bricks;
+        while is_cut {
+            for first in (0..way.hits.count).step_by(LANES).rev() {
+                let walk = Walk::strides(&way.hits, first, rule, &mut worker.strides, self.held_against());
+                if walk.is_going() {
+                    walks.push(walk);
+                }
+            }
+            is_cut = !walks.is_empty();
+            self.go_through(level, brick, way, worker, rule, &mut walks);
+        }
+        worker.walks = walks;
+        self.count(worker);
+    }
+
+    /// Takes groups of rays through all their segments; the last is taken first.
+    fn go_through(
+        &self,
+        level: Level,
+        brick: Brick<'_>,
+        way: &mut Way,
+        worker: &mut Worker,
+        rule: Rule,
+        walks: &mut Vec<Walk>,
+    ) {
+        let mut batch = std::mem::take(&mut worker.batch);
         loop {
             let (mut count, mut nodes) = (0, 0);
             while count + 2 * LANES <= VOXELS
@@ -163,7 +203,7 @@ impl Procedural<'_> {
             if batch.is_empty() {
                 break;
             }
-            self.evaluate(level, worker, count, (map_every > 1).then_some(nodes));
+            self.evaluate(level, worker, count, (rule.map_every > 1).then_some(nodes));
             for mut walk in batch.drain(..) {
                 through(level, Through { walk: &mut walk, rule, brick, way, values: &worker.values });
                 if walk.is_going() {
@@ -171,8 +211,7 @@ impl Procedural<'_> {
                 }
             }
         }
-        (worker.walks, worker.batch) = (walks, batch);
-        self.count(worker);
+        worker.batch = batch;
     }
 
     pub(super) fn record(

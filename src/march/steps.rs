@@ -3,9 +3,10 @@
 //! Only what rays still ask for is sampled: the samples of many rays are packed, so that evaluation has full lanes.
 
 use super::medium::{Brick, Way};
-use super::methods::{Method, Strides};
+use super::methods::Method;
 use super::rays::{Hits, LANES, single};
 use super::shade::{Group, LONGEST};
+use super::strides::{Bounds, Strides};
 use crate::field::{EDGE, VOXELS};
 use crate::num::{Level, Real, WithLevel, with_level};
 
@@ -89,15 +90,21 @@ impl Walk {
         walk
     }
 
-    /// By the steps that are sampled within the brick.
-    pub(super) fn strides(hits: &Hits, first: usize, rule: Rule, strides: &mut Strides) -> Walk {
+    /// By the next steps that are sampled within the brick.
+    pub(super) fn strides(
+        hits: &Hits,
+        first: usize,
+        rule: Rule,
+        strides: &mut Strides,
+        bounds: Bounds<'_>,
+    ) -> Walk {
         let mut walk = Walk::new(hits, first);
         let sample = rule.method.samples().first().copied().unwrap_or(0.0);
         for lane in 0..LANES.min(hits.count - first) {
             let ray = hits.ray(first + lane);
             let middle = hits.middle[ray];
             let [begin, end] = [walk.at[lane], walk.end[lane]].map(|at| middle + f64::from(at));
-            let (begin, length, count) = strides.take(ray, begin, end, sample);
+            let (begin, length, count) = strides.take(bounds, ray, [begin, end], sample);
             walk.at[lane] = single(begin - middle);
             walk.length[lane] = single(length);
             walk.left[lane] = single(count);

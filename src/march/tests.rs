@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 
 use super::testing::{grey, looking, shoot};
 use super::{
-    Baked, Camera, Entry, Film, Grid, Integrator, Lamp, Marching, Meaning, Medium, Method, Optics,
+    Baked, Camera, Entry, Film, Grid, Integrator, Intervals, Lamp, Marching, Meaning, Medium, Method, Optics,
     Procedural, Quality, Shadow,
 };
 use crate::field::{Field, Lattice};
@@ -366,7 +366,7 @@ fn methods_have_their_orders() {
 fn wherever_marching_begins_the_picture_is_the_same() {
     for entry in [Entry::Cones, Entry::Constant, Entry::Converging, Entry::SphereTracing] {
         for growth in [0.0, 0.02] {
-            let marching = Marching { method: Method::Midpoint, growth, entry, map_every: 1 };
+            let marching = Marching { method: Method::Midpoint, growth, entry, ..Marching::default() };
             let (error, [evaluated, inside]) = linear_tube(marching, 0.5);
             // The error of order 2, of steps that become half as long again as the first; and what is lost in front of a
             // beginning that is found a step late.
@@ -374,6 +374,96 @@ fn wherever_marching_begins_the_picture_is_the_same() {
             assert!(inside / 2 < evaluated && evaluated < inside * 5 / 4, "{evaluated}, {inside}");
         }
     }
+}
+
+#[test]
+fn whatever_tells_what_is_inside_the_picture_is_the_same() {
+    // Two tubes behind each other with nothing between them, so that rays leave and enter.
+    let text = "
+[[tube]]
+curve = { points = [[-2, 0, 0], [0, 0, 1.5], [2, 0, 0], [4, 0, -1.5], [5, 1, 0]] }
+radius = [[0, 0.4], [1, 0.8]]
+[[tube]]
+curve = { points = [[-2, 3, 0], [1, 4, 1.5], [5, 3, 0]] }
+radius = 0.5
+";
+    let field = Field::compile(&Scene::parse(text, "tubes").expect("valid"));
+    let camera = looking(DVec3::new(1.0, -6.0, 1.5), DVec3::new(1.0, 0.0, 0.3), 0.5, false);
+    let film = |marching: Marching| {
+        let procedural = Procedural::new(&field, Lattice { voxel_size: 0.03 }, 0.5, 1 << 30).expect("small");
+        let medium = Medium::Procedural(procedural.with(marching));
+        (take(&medium, camera, &grey(1.0), 40, 2.0), medium.places().expect("of a scene"))
+    };
+    let of = |change: fn(&mut Marching)| {
+        let mut marching = Marching { method: Method::Midpoint, ..Marching::default() };
+        change(&mut marching);
+        film(marching)
+    };
+    let difference = |a: &[f64], b: &[f64]| {
+        let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
+        (squares / a.iter().map(|a| a * a).sum::<f64>()).sqrt()
+    };
+    let (bricks, [evaluated, inside]) = of(|_| {});
+    // The same steps, but for those that are known to be outside.
+    let (cones, [fewer, same]) = of(|marching| marching.intervals = Intervals::Cones);
+    assert!(difference(&bricks.depth, &cones.depth) < 1e-6);
+    // Lanes that fill a last batch count as what they held before: some of a thousand.
+    assert!(inside.abs_diff(same) * 50 < inside, "{inside}, {same}");
+    assert!(fewer < evaluated, "{fewer} of {evaluated}");
+    // Steps that begin elsewhere: errors of order 2 in half a voxel, of tubes of more than 26.
+    let (truth, _) = film(Marching::default());
+    let (once, [met, _]) = of(|marching| marching.intervals = Intervals::RayBoxes);
+    let (every, [held, _]) = of(|marching| marching.intervals = Intervals::SampleBoxes);
+    for film in [&bricks, &once, &every] {
+        let error = difference(&truth.depth, &film.depth);
+        assert!(error < 2e-3, "{error:e}");
+    }
+    // Boxes hold more than cones do.
+    assert!(met > fewer && held > fewer && met <= evaluated * 21 / 20, "{met}, {held}, {fewer}");
+    let (mapped, _) = of(|marching| (marching.intervals, marching.map_every) = (Intervals::Cones, 2));
+    assert!(difference(&cones.depth, &mapped.depth) < 1e-3);
+}
+
+#[test]
+fn a_sum_of_samples_becomes_the_integral() {
+    let errors = [16, 64, 256].map(|count| {
+        let count = std::num::NonZeroU32::new(count);
+        let marching = Marching { method: Method::Midpoint, count, ..Marching::default() };
+        linear_tube(marching, 1.0)
+    });
+    // Rays through a tube of 40 voxels: steps of 3, 0.7 and 0.2 of these, by a rule of order 2 with kinks at both ends.
+    for pair in errors.windows(2) {
+        assert!(pair[1].0 < 0.25 * pair[0].0, "{errors:?}");
+    }
+    assert!(errors[2].0 < 1e-4, "{errors:?}");
+    // Each takes as many samples of all 256 rays as it says, and none that lies in bricks without a tube.
+    for ((_, [evaluated, _]), count) in errors.iter().zip([16, 64, 256]) {
+        assert!(*evaluated <= 256 * count && *evaluated > 256 * count / 4, "{errors:?}");
+    }
+}
+
+#[test]
+fn without_shadows_light_comes_everywhere() {
+    let scene = Scene::parse(TUBE, "tube").expect("valid");
+    let field = Field::compile(&scene);
+    let lattice = Lattice { voxel_size: 0.05 };
+    let medium = Medium::Procedural(Procedural::new(&field, lattice, 1.0, 1 << 30).expect("small"));
+    let camera = looking(DVec3::new(0.1, -4.0, 0.55), DVec3::new(0.3, 0.0, 0.55), 0.2, true);
+    let mut optics = grey(3.0);
+    optics.albedo = DVec3::splat(0.8);
+    let colour = DVec3::new(1.0, 2.0, 0.5);
+    optics.lamps = vec![Lamp::Sun { direction: DVec3::NEG_Z, irradiance: colour }];
+    let (size, samples, cutoff) = ([16, 16], 1, 1e-9);
+    let (shadow, integrator) = (Shadow::None, Integrator::Single);
+    let quality = Quality { size, samples, cutoff, shadow, integrator };
+    let film = shoot(&medium, camera, &optics, quality);
+    // A uniform source: what is lost of the light behind, times the albedo and the phase function of no direction.
+    let source = colour * optics.albedo / (4.0 * PI) + optics.uniform_source();
+    for (radiance, depth) in film.radiance.iter().zip(&film.depth) {
+        let expected = source * -libm::expm1(-depth);
+        assert!((DVec3::from(*radiance) - expected).length() < 1e-5 * source.length(), "{radiance:?}");
+    }
+    assert!(film.depth.iter().any(|depth| *depth > 1.0));
 }
 
 #[test]

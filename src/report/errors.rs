@@ -98,6 +98,11 @@ impl Errors {
     pub fn is_partial(&self) -> bool {
         self.not_finite != [0; 2]
     }
+
+    /// Whether all numbers are 0, on both sides: then nothing relative is wrong either.
+    pub fn is_of_nothing(&self) -> bool {
+        self.peak == 0.0 && self.max.absolute == 0.0
+    }
 }
 
 /// The smallest value that at most one in a thousand exceeds.
@@ -225,6 +230,7 @@ mod tests {
         assert_eq!((zero.l2.of_rms, zero.psnr), (Some(0.0), None));
         let some = Errors::new([(0.0, 1.0)].into_iter(), None);
         assert_eq!((some.l2.of_rms, some.max.of_peak, some.psnr), (None, None, None));
+        assert!(zero.is_of_nothing() && !some.is_of_nothing());
         let none = Errors::new(std::iter::empty(), None);
         assert_eq!((none.pairs, none.l2.absolute), (0, 0.0));
     }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::errors::{Errors, Intervals, Scaled, intervals};
+use super::errors::{Errors, Intervals, Scaled, intervals as intervals_of};
 use super::ray::{Chord, chords};
 use super::source::Source;
 use super::support::{Spread, spread};
@@ -71,6 +71,9 @@ pub struct Depth {
     pub l2: Scaled,
     /// Largest difference.
     pub max: Scaled,
+    /// Bootstrap interval of 95 % of the root mean square of the difference as a part of that of a's; null where there are no
+    /// rays, or a's is 0.
+    pub relative_l2: Option<[f64; 2]>,
 }
 
 /// Compares two fields, on the current `rayon` pool: at points spread evenly over the union of their supports, along rays
@@ -104,7 +107,7 @@ pub fn compare_at(
     let volume = *volume;
     let [of_a, of_b] = [a, b].map(|source| source.values(points));
     let errors = Errors::new(of_a.iter().copied().zip(of_b.iter().copied()), None);
-    let intervals = intervals(&of_a, &of_b);
+    let intervals = intervals_of(&of_a, &of_b);
     let pairs = || of_a.iter().zip(&of_b).zip(points);
     let finite = |a: f64, b: f64| a.is_finite() && b.is_finite();
     let worst = pairs()
@@ -121,6 +124,7 @@ pub fn compare_at(
     let chords = bounds.map_or_else(Vec::new, |bounds| chords(bounds, points, rays));
     let [along_a, along_b] = [a, b].map(|source| source.depths(&chords));
     let along = Errors::new(along_a.iter().copied().zip(along_b.iter().copied()), None);
+    let along_held = intervals_of(&along_a, &along_b);
 
     let same = a.support().shares_lattice(b.support());
     let voxels = match (a.voxels(), b.voxels()) {
@@ -142,6 +146,7 @@ pub fn compare_at(
             l1: along.l1,
             l2: along.l2,
             max: along.max,
+            relative_l2: along_held.and_then(|held| held.relative_l2),
         },
         voxels,
         errors,

@@ -39,7 +39,10 @@ impl Metric {
                 Some([value, held.and_then(|held| held.relative_l2).map_or(value, |[_, high]| high)])
             }
             Metric::Max => found.errors.max.of_peak.map(|value| [value; 2]),
-            Metric::OpticalDepth => found.optical_depth.l2.of_rms.map(|value| [value; 2]),
+            Metric::OpticalDepth => {
+                let value = found.optical_depth.l2.of_rms?;
+                Some([value, found.optical_depth.relative_l2.map_or(value, |[_, high]| high)])
+            }
             Metric::Mass => {
                 if found.mass.of == [0.0; 2] {
                     return Some([0.0; 2]);

@@ -52,6 +52,8 @@ const PATIENCE: f64 = 4.0;
 /// Times the finest voxel that an order is fitted over.
 const FAR: f64 = 4.0;
 const MOST_STEPS: usize = 16;
+/// The power with which errors fall where nothing is known.
+const USUAL: f64 = 2.0;
 
 impl Search {
     /// For an error of at most `limit`, from a first voxel size, up to the largest, both in metres.
@@ -74,6 +76,16 @@ impl Search {
         let finest = self.steps.iter().map(|step| step.voxel_size).fold(f64::INFINITY, f64::min);
         let near = self.steps.iter().filter(|step| step.error < ROUGH && step.voxel_size <= FAR * finest);
         Order::fit(&near.map(|step| [step.voxel_size, step.error]).collect::<Vec<_>>())
+    }
+
+    /// The voxel size that is needed as far as the steps so far tell; before the first, the next.
+    pub fn expected(&self) -> f64 {
+        let finest = self.steps.iter().min_by(|a, b| a.voxel_size.total_cmp(&b.voxel_size));
+        let Some(Step { voxel_size, error }) = finest.filter(|step| step.error > 0.0) else {
+            return self.next;
+        };
+        let power = self.order().map_or(USUAL, |order| order.order.clamp(SLOW, 3.0));
+        (voxel_size * libm::pow(AIM * self.limit / error, 1.0 / power)).min(self.next)
     }
 
     /// Takes in the error at [`Search::next`]; `None` where the search goes on.
@@ -134,7 +146,7 @@ impl Search {
         }
         // Without any error a larger voxel does.
         let ratio = if error > 0.0 { aim / error } else { f64::INFINITY };
-        let power = power.map_or(2.0, |power| power.clamp(0.5, 3.0));
+        let power = power.map_or(USUAL, |power| power.clamp(0.5, 3.0));
         voxel_size * libm::pow(ratio, 1.0 / power).clamp(1.0 / 3.0, 3.0)
     }
 }
@@ -163,6 +175,18 @@ mod tests {
                 assert!(steps <= 9, "{order} {limit}: {steps} steps");
             }
         }
+    }
+
+    #[test]
+    fn what_is_needed_is_foretold() {
+        let mut search = Search::new(1e-4, 0.1, 1.0);
+        assert_eq!(search.expected(), 0.1);
+        let error = |h: f64| 0.5 * h * h;
+        for _ in 0..2 {
+            assert_eq!(search.add(error(search.next())), None);
+        }
+        let expected = search.expected();
+        assert!((error(expected) / 0.88e-4 - 1.0).abs() < 1e-6, "{expected}");
     }
 
     #[test]

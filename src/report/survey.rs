@@ -88,9 +88,8 @@ impl<'a> Survey<'a> {
             Metric::Mass | Metric::OpticalDepth => {
                 let Some(held) = intervals(&truth, &stored) else { return Ok(0.0) };
                 let off = |ratio: f64| (ratio - 1.0).abs();
-                held.ratio.map_or(if errors.peak == 0.0 { 0.0 } else { f64::INFINITY }, |[low, high]| {
-                    off(low).max(off(high))
-                })
+                let unknown = if errors.is_of_nothing() { 0.0 } else { f64::INFINITY };
+                held.ratio.map_or(unknown, |[low, high]| off(low).max(off(high)))
             }
         })
     }

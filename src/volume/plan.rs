@@ -57,6 +57,23 @@ pub enum PlanError {
     TooWide,
 }
 
+impl PlanError {
+    /// Bytes in which there is room for the plan that there was none for; `None` where it is not memory that it wants.
+    pub fn enough(self) -> Option<u64> {
+        /// Times what bricks take while they are found: their number is known within a factor of a few only.
+        const ROOM: f64 = 4.0;
+        const LEAST: u64 = 1 << 20;
+        #[allow(clippy::cast_precision_loss, reason = "small")]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        match self {
+            PlanError::TooMany { bricks } => {
+                Some(LEAST.saturating_add((ROOM * bricks * BYTES as f64) as u64))
+            }
+            PlanError::IndexRange { .. } | PlanError::TooWide => None,
+        }
+    }
+}
+
 /// A brick and a capsule that reaches it, as a number that sorts in file order: from the highest bits the number of the
 /// lower node, the brick in it, the capsule, and two flags. Half of what the brick's whole key and the capsule would take.
 type Contact = u64;

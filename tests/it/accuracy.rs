@@ -14,7 +14,7 @@ use crate::oracle::{judge, script};
 use crate::support::stderr;
 
 /// A straight tube, smooth at its side and its ends, with so many octaves of noise and no density below 0.
-fn windowed(octaves: u32) -> String {
+pub(crate) fn windowed(octaves: u32) -> String {
     format!(
         "[[tube]]\nradius = 0.5\ncurve = {{ points = [[0, 0, -1], [0, 0, 0], [0, 0, 1]] }}\n\
          [[tube.layer]]\nnoise = \"perlin\"\nfrequency = [2, 2, 4]\noctaves = {octaves}\n\
@@ -41,7 +41,7 @@ fn unlimited(scene: &str) -> String {
     }
 }
 
-fn real(value: &Value) -> f64 {
+pub(crate) fn real(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 

@@ -4,6 +4,7 @@
 mod accuracy;
 mod animation;
 mod antialias;
+mod certificates;
 mod check;
 mod cli;
 mod compare;
@@ -24,6 +25,7 @@ mod joins;
 mod kernel;
 mod large;
 mod layers;
+mod limits;
 mod mass;
 mod memory;
 mod methods;

@@ -25,6 +25,10 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
         &["--method", "midpoint", "--entry", "converging", "--growth", "0.01"],
         &["--method", "midpoint", "--entry", "sphere-tracing", "--step", "2"],
         &["--method", "alpha", "--map-every", "4"],
+        &["--method", "midpoint", "--intervals", "cones", "--entry", "constant"],
+        &["--method", "midpoint", "--intervals", "ray-boxes", "--growth", "0.01"],
+        &["--method", "alpha", "--intervals", "sample-boxes", "--map-every", "2"],
+        &["--method", "midpoint", "--ray-steps", "128", "--shadow", "none"],
     ] {
         let (code, mean, message) = draw(options);
         assert_eq!(code, 0, "{message}");
@@ -39,6 +43,18 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
             &["--method", "alpha", "--growth", "0.1", "--map-every", "2"],
             "--map-every needs steps of one length, and --growth makes them longer",
         ),
+        (&["--intervals", "cones"], "--intervals has no meaning for the method `gauss`"),
+        (&["--ray-steps", "8"], "--ray-steps has no meaning for the method `gauss`"),
+        (&["--method", "alpha", "--ray-steps", "8", "--step", "2"], "--step has no meaning with --ray-steps"),
+        (
+            &["--method", "alpha", "--ray-steps", "8", "--entry", "cones"],
+            "--entry has no meaning with --ray-steps",
+        ),
+        (
+            &["--method", "alpha", "--intervals", "ray-boxes", "--entry", "constant"],
+            "--entry has no meaning with boxes of --intervals",
+        ),
+        (&["--shadow", "none", "--shadow-step", "1"], "--shadow-step has no meaning with --shadow none"),
         (&["--method", "alpha", "--growth", "-1"], "expected a part from 0 to 1"),
         (&["--method", "simpson"], "invalid value 'simpson'"),
     ] {
@@ -47,7 +63,14 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
         assert!(message.contains(said), "{message}");
     }
     assert_eq!(folder.run(&["bake", "bent.toml", "-o", "bent.vdb"]).status.code(), Some(0));
-    for option in [["--method", "alpha"], ["--growth", "0.1"], ["--entry", "cones"], ["--map-every", "1"]] {
+    for option in [
+        ["--method", "alpha"],
+        ["--growth", "0.1"],
+        ["--entry", "cones"],
+        ["--map-every", "1"],
+        ["--intervals", "cones"],
+        ["--ray-steps", "8"],
+    ] {
         let output = folder.run(&[&["render", "bent.vdb", "-o", "a.png"], &option[..]].concat());
         assert_eq!(output.status.code(), Some(2));
         let message = String::from_utf8(output.stderr).expect("UTF-8");

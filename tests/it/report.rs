@@ -32,6 +32,8 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         ("growing step", 2),
         ("mapping", 3),
         ("entry", 3),
+        ("density sum", 5),
+        ("intervals", 6),
         ("early exit", 2),
         ("frame", 2),
         ("conservation", 3),
@@ -46,6 +48,13 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         assert!(0.0 < least && least <= median && median <= most && number(&total["count"]) == 2, "{row}");
         let is_picture = row["kind"] == "picture";
         assert_eq!(row["image"].is_object(), is_picture, "{row}");
+        // Both axes, whatever it is held against.
+        assert_eq!(row["field"]["errors"]["l2"]["of_rms"].is_number(), !is_picture, "{row}");
+        let altered =
+            ["frame", "conservation", "overlap", "segments"].iter().any(|group| row["group"] == *group);
+        let is_other = row["label"].as_str().is_some_and(|label| label.starts_with("a helix"));
+        assert_eq!(row["is_own"], !(altered || is_other), "{row}");
+        assert!(row["is_own"] == true || row["on_front"] == false, "{row}");
         assert!(
             is_picture || (number(&row["cost"]["bytes"]) > 0 && real(&row["cost"]["ns_per_voxel"]) > 0.0),
             "{row}"
@@ -72,6 +81,9 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         // Half a unit in the last of eleven digits, beside an error of some percent.
         assert!((l2(row) - l2(own)).abs() <= if same { 0.0 } else { 1e-4 * l2(own) }, "{row}");
     }
+    // Other frames make another density, and its bake is as near to that.
+    let frames: Vec<f64> = rows(&report, "frame").into_iter().map(l2).collect();
+    assert!(frames.iter().all(|error| (0.5..2.0).contains(&(error / frames[0]))), "{frames:?}");
     // Without octaves more is missing.
     let simpler = rows(&report, "octaves");
     assert!(l2(simpler[simpler.len() - 1]) > l2(own), "{simpler:?}");
@@ -83,6 +95,14 @@ fn every_axis_has_its_rows_with_errors_and_times() {
     };
     assert!(step("gauss, 4 voxels a step") >= step("gauss, 0.5 voxels a step"));
     assert!(step("midpoint, quadruple step") > step("midpoint"));
+    // A sum of more samples is nearer; and light is lost by shadows, which that leaves out.
+    let transmittance = |label: &str| {
+        let found = rows(&report, "density sum").into_iter().find(|row| row["label"] == label).cloned();
+        real(&found.expect("a row")["image"]["transmittance"])
+    };
+    let [few, many] = ["5 samples a ray, no shadows", "256 samples a ray, no shadows"].map(transmittance);
+    // The octaves that fade are missing in both.
+    assert!(many < 0.5 * few, "{few}, {many}");
     let all = report["rows"].as_array().expect("rows");
     let level = |row: &Value| {
         let error = if row["kind"] == "bake" {
@@ -94,7 +114,7 @@ fn every_axis_has_its_rows_with_errors_and_times() {
     };
     for row in all.iter().filter(|row| row["on_front"] == true) {
         let own = level(row).expect("on a front");
-        let same = all.iter().filter(|other| other["kind"] == row["kind"]);
+        let same = all.iter().filter(|other| other["kind"] == row["kind"] && other["is_own"] == true);
         assert!(!same.filter_map(level).any(|other| other[0] < own[0] && other[1] < own[1]), "{row}");
     }
     for parts in ["parts", "parts_f16"] {
@@ -117,16 +137,22 @@ fn a_csv_has_a_line_for_each_row_and_time_is_kept() {
     let lines: Vec<&str> = csv.lines().collect();
     let rows = report["rows"].as_array().expect("rows").len();
     assert_eq!(lines.len(), rows + 1);
-    let columns = |line: &str| {
-        let mut quoted = false;
-        line.chars()
-            .filter(|c| {
-                quoted ^= *c == '"';
-                *c == ',' && !quoted
-            })
-            .count()
-    };
-    assert!(lines.iter().all(|line| columns(line) == columns(lines[0])));
+    let mut read = csv::Reader::from_reader(csv.as_bytes());
+    let columns = read.headers().expect("a header").clone();
+    for (line, row) in read.records().zip(report["rows"].as_array().expect("rows")) {
+        // As many cells as columns, or it is an error.
+        let line = line.expect("a line");
+        let cell = |name: &str| {
+            let at = columns.iter().position(|column| column == name).expect("a column");
+            line.get(at).expect("a cell")
+        };
+        assert_eq!(
+            [cell("group"), cell("label")],
+            [&row["group"], &row["label"]].map(|x| x.as_str().expect("text"))
+        );
+        assert_eq!(cell("is_own") == "true", row["is_own"] == true);
+        assert_eq!(cell("bytes").parse().ok(), row["cost"]["bytes"].as_u64());
+    }
     let left = report["left_out"].as_array().expect("a list");
     assert!(!left.is_empty() && left.iter().any(|what| what == "10000 segments"), "{left:?}");
     // In words: what is missing, too.

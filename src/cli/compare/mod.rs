@@ -100,7 +100,7 @@ enum Kind {
 impl Kind {
     /// By the first bytes, else by the name.
     fn of(path: &Path) -> Result<Kind, Failure> {
-        let failed = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
+        let failed = |error| Failure::unreadable(path, error);
         let mut start = Vec::new();
         File::open(path).and_then(|file| file.take(8).read_to_end(&mut start)).map_err(failed)?;
         let named =

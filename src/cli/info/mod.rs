@@ -57,7 +57,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 
 /// Whether a file is one of OpenVDB, by its first bytes or its name.
 pub(super) fn is_vdb(path: &Path) -> Result<bool, Failure> {
-    let failed = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
+    let failed = |error| Failure::unreadable(path, error);
     let mut start = Vec::new();
     File::open(path)
         .and_then(|file| file.take(job::VDB_MAGIC.len() as u64).read_to_end(&mut start))

@@ -24,7 +24,8 @@ pub(super) struct LightOptions {
     /// Of paths: another seed gives other noise [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// How shadows are found, where light is scattered once: from a table, or by a ray from every sample to every lamp
+    /// How shadows are found, where light is scattered once: from a table, or by a ray from every sample to every lamp; `none`
+    /// leaves them out
     #[arg(long, value_enum)]
     shadow: Option<ShadowKind>,
     /// Of cached shadows: voxels between the rays that they are found by [default: 2]
@@ -49,6 +50,7 @@ enum Kind {
 enum ShadowKind {
     Cached,
     Exact,
+    None,
 }
 
 impl LightOptions {
@@ -61,8 +63,13 @@ impl LightOptions {
         if let Some((option, _)) = options.into_iter().find(|(_, given)| *given) {
             return Err(Failure::usage(format!("{option} has a meaning only with --integrator {own}")));
         }
-        if self.shadow == Some(ShadowKind::Exact) && self.shadow_step.is_some() {
-            return Err(Failure::usage("--shadow-step has no meaning with --shadow exact".to_owned()));
+        let uncached = match self.shadow {
+            Some(ShadowKind::Exact) => Some("exact"),
+            Some(ShadowKind::None) => Some("none"),
+            Some(ShadowKind::Cached) | None => None,
+        };
+        if let Some(uncached) = uncached.filter(|_| self.shadow_step.is_some()) {
+            return Err(Failure::usage(format!("--shadow-step has no meaning with --shadow {uncached}")));
         }
         Ok(())
     }
@@ -82,6 +89,7 @@ impl LightOptions {
     pub(super) fn shadow(&self) -> Shadow {
         match self.shadow {
             Some(ShadowKind::Exact) => Shadow::Exact,
+            Some(ShadowKind::None) => Shadow::None,
             _ => Shadow::Cached(self.shadow_step.unwrap_or(2.0)),
         }
     }

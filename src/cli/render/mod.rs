@@ -4,6 +4,7 @@ mod image;
 mod light;
 mod source;
 
+use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -17,7 +18,7 @@ use super::memory::enough;
 use super::output::Output;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
-use crate::march::{Camera, Entry, Film, Integrator, Marching, Method, Picture, Quality, Shadow};
+use crate::march::{Camera, Entry, Film, Integrator, Intervals, Marching, Method, Picture, Quality, Shadow};
 use crate::num::Level;
 use image::Target;
 use light::LightOptions;
@@ -68,6 +69,14 @@ pub(super) struct Arguments {
     /// are mapped to is interpolated between [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=16))]
     map_every: Option<u8>,
+    /// Of `midpoint` and `alpha`: which steps are evaluated. With `ray-boxes` and `sample-boxes` the first begins where a ray
+    /// enters the first box, or that around all of them [default: bricks]
+    #[arg(long, value_name = "HOW")]
+    intervals: Option<IntervalsName>,
+    /// Of `midpoint` and `alpha`, in place of --step: every ray takes so many steps of one length, from where it enters the box
+    /// around everything to where it leaves it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    ray_steps: Option<u32>,
     /// Part of the light that may be left where a ray ends
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
     cutoff: f64,
@@ -99,6 +108,19 @@ enum EntryName {
     SphereTracing,
 }
 
+/// See [`Intervals`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum IntervalsName {
+    /// Those in bricks that hold a tube
+    Bricks,
+    /// Those inside of cones along the tubes, by their closed form
+    Cones,
+    /// Those inside the boxes of curves' segments that a ray meets, which is asked once a ray
+    RayBoxes,
+    /// Those inside the boxes of segments, which is asked of every box at every step
+    SampleBoxes,
+}
+
 impl Arguments {
     /// How rays go through a scene.
     fn marching(&self) -> Result<Marching, Failure> {
@@ -117,6 +139,8 @@ impl Arguments {
             (self.growth.is_some(), "--growth"),
             (self.entry.is_some(), "--entry"),
             (self.map_every.is_some(), "--map-every"),
+            (self.intervals.is_some(), "--intervals"),
+            (self.ray_steps.is_some(), "--ray-steps"),
         ];
         for (given, option) in asked {
             if given && method == Method::Gauss {
@@ -130,7 +154,25 @@ impl Arguments {
                 "--map-every needs steps of one length, and --growth makes them longer",
             ));
         }
-        Ok(Marching { method, growth, entry, map_every: map_every.into() })
+        let intervals = match self.intervals {
+            None | Some(IntervalsName::Bricks) => Intervals::Bricks,
+            Some(IntervalsName::Cones) => Intervals::Cones,
+            Some(IntervalsName::RayBoxes) => Intervals::RayBoxes,
+            Some(IntervalsName::SampleBoxes) => Intervals::SampleBoxes,
+        };
+        let count = self.ray_steps.and_then(NonZeroU32::new);
+        let has_boxes = matches!(intervals, Intervals::RayBoxes | Intervals::SampleBoxes);
+        for (given, against, option) in [
+            (self.step.is_some() && count.is_some(), "--ray-steps", "--step"),
+            (growth > 0.0 && count.is_some(), "--ray-steps", "--growth"),
+            (self.entry.is_some() && count.is_some(), "--ray-steps", "--entry"),
+            (self.entry.is_some() && has_boxes, "boxes of --intervals", "--entry"),
+        ] {
+            if given {
+                return Err(Failure::usage(format!("{option} has no meaning with {against}")));
+            }
+        }
+        Ok(Marching { method, growth, entry, map_every: map_every.into(), intervals, count })
     }
 
     /// The first option that is given and says how rays go through a scene.
@@ -141,6 +183,8 @@ impl Arguments {
             (self.growth.is_some(), "--growth"),
             (self.entry.is_some(), "--entry"),
             (self.map_every.is_some(), "--map-every"),
+            (self.intervals.is_some(), "--intervals"),
+            (self.ray_steps.is_some(), "--ray-steps"),
         ]
         .into_iter()
         .find_map(|(given, option)| given.then_some(option))
@@ -261,10 +305,11 @@ fn draw(
     if arguments.progressive {
         let coarse = Quality {
             size: quality.size.map(|edge| edge.div_ceil(COARSE)),
-            shadow: Shadow::Cached(match quality.shadow {
-                Shadow::Cached(pitch) => 8.0_f64.min(pitch * 4.0),
-                Shadow::Exact => 8.0,
-            }),
+            shadow: match quality.shadow {
+                Shadow::Cached(pitch) => Shadow::Cached(8.0_f64.min(pitch * 4.0)),
+                Shadow::Exact => Shadow::Cached(8.0),
+                Shadow::None => Shadow::None,
+            },
             integrator: Integrator::Single,
             ..quality
         };

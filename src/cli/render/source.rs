@@ -88,8 +88,7 @@ impl<'a> Drawn<'a> {
         }
         let path = &arguments.file;
         let failed = |error: VdbReadError| unread(path, error);
-        let file = File::open(path)
-            .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;
+        let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
         let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
         let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
         let grid = file.grid_at(number).map_err(failed)?;

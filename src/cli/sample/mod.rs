@@ -15,7 +15,7 @@ use super::grids::{Choice, choose};
 use super::interrupt::{Interrupt, Watched};
 use super::job::{Compiled, SceneOptions, Source};
 use super::output::Output;
-use super::{Failure, Global, info, print, text};
+use super::{Failure, Global, info, memory, print, text};
 use crate::formats::npy;
 use crate::formats::vdb::{PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
@@ -204,10 +204,11 @@ fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
 }
 
 pub(super) fn unplanned(error: PlanError) -> Failure {
-    let hint = match error {
-        PlanError::TooMany { .. } => "take a larger --voxel-size, or allow more with --memory",
-        PlanError::IndexRange { .. } | PlanError::TooWide => "take a larger --voxel-size",
-    };
+    /// Bytes that the program takes besides, and what is planned for takes with it.
+    const BESIDES: u64 = 64 << 20;
+    let larger = "take a larger --voxel-size";
+    let hint = memory::room_for(error, BESIDES)
+        .map_or_else(|| larger.to_owned(), |more| format!("{larger}, or {more}"));
     Failure::failed(error.to_string()).hint(hint)
 }
 

@@ -141,8 +141,7 @@ impl Sliced {
         budget: u64,
     ) -> Result<Sliced, Failure> {
         let failed = |error: VdbReadError| unread(path, error);
-        let file = File::open(path)
-            .map_err(|error| Failure::input(format!("cannot read {}", path.display())).because(error))?;
+        let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
         let mut file = VdbFile::open_within(file, budget.saturating_sub(PROCESS)).map_err(failed)?;
         let Choice { number, label } = choose(file.info(), grid, failed)?;
         // Its nodes alone, to know its box.

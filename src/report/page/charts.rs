@@ -13,9 +13,9 @@ pub(super) fn charts(report: &Report) -> Vec<Plot> {
         front(report, "time", "Error of a bake against its time", SECONDS, |row| {
             Some(row.cost.total?.median)
         }),
-        front(report, "bytes", "Error of a bake against its size", BYTES, |row| {
+        front(report, "bytes", "Error of a bake against its size", KIBIBYTES, |row| {
             #[allow(clippy::cast_precision_loss, reason = "a plot")]
-            row.cost.bytes.map(|bytes| bytes as f64)
+            row.cost.bytes.map(|bytes| bytes as f64 / 1024.0)
         }),
         convergence(report),
         octaves(report),
@@ -27,11 +27,11 @@ pub(super) fn charts(report: &Report) -> Vec<Plot> {
 }
 
 const SECONDS: Axis = Axis { label: "seconds to bake", format: words::seconds };
-const BYTES: Axis = Axis { label: "bytes of the file", format: words::bytes };
+const KIBIBYTES: Axis = Axis { label: "KiB of the file", format: words::whole };
 
 /// Bakes: groups of rows as marks, and a line through those that none other beats.
 fn front(report: &Report, name: &'static str, title: &str, x: Axis, cost: fn(&Row) -> Option<f64>) -> Plot {
-    let bakes: Vec<&Row> = report.rows.iter().filter(|row| row.kind == Kind::Bake).collect();
+    let bakes: Vec<&Row> = report.rows.iter().filter(|row| row.kind == Kind::Bake && row.is_own).collect();
     let mut groups: Vec<&str> = Vec::new();
     for row in &bakes {
         if !groups.contains(&row.group) {
@@ -125,7 +125,7 @@ fn octaves(report: &Report) -> Plot {
 /// Pictures: error over the time of a frame.
 fn pictures(report: &Report) -> Plot {
     let mut series: Vec<Series> = Vec::new();
-    for row in report.rows.iter().filter(|row| row.kind == Kind::Picture) {
+    for row in report.rows.iter().filter(|row| row.kind == Kind::Picture && row.is_own) {
         let Some(level) = level(row).filter(|level| level.iter().all(|x| *x > 0.0)) else { continue };
         let name =
             if row.settings.filter.is_some() { "baked" } else { row.settings.method.unwrap_or("other") };

@@ -42,7 +42,7 @@ pub(crate) fn metres(x: f64) -> String {
 pub(crate) fn bytes(x: f64) -> String {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
     let whole = x.max(0.0).round() as u64;
-    ByteSize::b(whole).display().si().to_string()
+    ByteSize::b(whole).display().iec().to_string()
 }
 
 /// A word of a command line, so that a shell takes it as it is.
@@ -52,6 +52,16 @@ pub(crate) fn quoted(word: &str) -> String {
         return word.to_owned();
     }
     format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+/// A number of which only whole ones are of interest.
+pub(super) fn whole(x: f64) -> String {
+    if !(1.0..1e15).contains(&x) {
+        return figure(x);
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 1 to 1e15")]
+    let n = x.round() as u64;
+    count(n)
 }
 
 /// With spaces between thousands.
@@ -86,5 +96,8 @@ mod tests {
             [part(0.02), seconds(0.0123), metres(0.01), count(1_234_567)],
             ["2 %", "12.3 ms", "10 mm", "1\u{202f}234\u{202f}567"]
         );
+        assert_eq!([whole(1e4), whole(0.1)], ["10\u{202f}000", "0.1"]);
+        // As on a terminal.
+        assert_eq!([bytes(512.0), bytes(1e5)], ["512 B", "97.7 KiB"]);
     }
 }

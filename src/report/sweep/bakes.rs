@@ -14,7 +14,7 @@ use crate::report::source::Gridded;
 use crate::report::survey::MARGIN;
 use crate::report::trial::{Lot, Pilot, Trial, TrialError, rows};
 use crate::scene::{Pattern, Scene};
-use crate::volume::{Filter, Plan, PlanError, Precision};
+use crate::volume::{Filter, Plan, PlanError, Precision, Tree};
 
 /// Times the scene's own voxel size.
 const SIZES: [f64; 6] = [1.0, 2.0, 4.0, std::f64::consts::SQRT_2, 2.0 * std::f64::consts::SQRT_2, 8.0];
@@ -55,6 +55,32 @@ struct Making<'a> {
     lattice: Lattice,
     encoder: Encoder,
     octaves: Option<u32>,
+}
+
+/// A scene's exact density, and places to look at it.
+pub(super) struct Held {
+    lattice: Lattice,
+    places: crate::report::support::Spread,
+    exact: Exact,
+}
+
+impl Held {
+    /// How far a bake is off.
+    pub(super) fn error(
+        &self,
+        tree: Tree<f32>,
+        filter: Filter,
+        rays: usize,
+    ) -> Result<FieldError, TrialError> {
+        let file = Gridded::new(tree, rows(self.lattice), filter).ok_or(PlanError::TooWide)?;
+        let (found, _) = compare_at(&self.exact, &file, &self.places, rays);
+        Ok(FieldError {
+            errors: found.errors,
+            intervals: found.intervals,
+            optical_depth: found.optical_depth.l2.of_rms,
+            mass_ratio: found.mass.ratio,
+        })
+    }
 }
 
 /// A scene with at most so many octaves in each layer; with none, without layers of noise.
@@ -176,13 +202,9 @@ impl Run<'_> {
         let Making { scene, lattice, encoder, octaves } = making;
         let pilot = Pilot::new(scene, self.effort.budget);
         let (cost, tree) = self.costs(&pilot, lattice, encoder)?;
-        let own = Pilot::new(self.scene, self.effort.budget).at(lattice)?.whole()?;
-        let places =
-            around(&own, MARGIN, self.effort.points, self.look(Precision::F32, Filter::Trilinear).stream);
-        let exact = Exact::new(self.scene, lattice, self.effort.budget)?;
+        let held = self.held_against(self.scene, lattice, self.effort.points)?;
         for filter in filters {
-            let file = Gridded::new(tree.clone(), rows(lattice), *filter).ok_or(PlanError::TooWide)?;
-            let (found, _) = compare_at(&exact, &file, &places, self.effort.rays);
+            let field = held.error(tree.clone(), *filter, self.effort.rays)?;
             let (precision, compression) =
                 (precision_name(encoder.precision()), compression_name(encoder.compression()));
             let command = octaves.is_none().then(|| {
@@ -200,6 +222,7 @@ impl Run<'_> {
                     label.to_owned()
                 },
                 kind: Kind::Bake,
+                is_own: true,
                 settings: Settings {
                     voxel_size: lattice.voxel_size,
                     filter: Some(filter_name(*filter)),
@@ -210,12 +233,7 @@ impl Run<'_> {
                     method: None,
                 },
                 command,
-                field: Some(FieldError {
-                    errors: found.errors,
-                    intervals: found.intervals,
-                    optical_depth: found.optical_depth.l2.of_rms,
-                    mass_ratio: found.mass.ratio,
-                }),
+                field: Some(field),
                 image: None,
                 cost: cost.clone(),
                 on_front: false,
@@ -224,13 +242,26 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// What bakes of a scene at a lattice are held against.
+    pub(super) fn held_against(
+        &self,
+        scene: &Scene,
+        lattice: Lattice,
+        points: usize,
+    ) -> Result<Held, TrialError> {
+        let whole = Pilot::new(scene, self.effort.budget).at(lattice)?.whole()?;
+        let stream = self.look(Precision::F32, Filter::Trilinear).stream;
+        let places = around(&whole, MARGIN, points, stream);
+        Ok(Held { lattice, places, exact: Exact::new(scene, lattice, self.effort.budget)? })
+    }
+
     /// What a bake takes, and its values.
     pub(super) fn costs(
         &self,
         pilot: &Pilot<'_>,
         lattice: Lattice,
         encoder: Encoder,
-    ) -> Result<(Cost, crate::volume::Tree<f32>), TrialError> {
+    ) -> Result<(Cost, Tree<f32>), TrialError> {
         let mut times: [Vec<f64>; 6] = Default::default();
         let cutoff = pilot.scene().bake().cutoff;
         let once = || -> Result<(Trial, usize, f64), TrialError> {

@@ -4,7 +4,8 @@
 //! codec, what a tube owes to its deformation and what carries its cross-section, how long its curve is; and pictures: the
 //! scene itself by several methods and steps, and baked. Errors of bakes are those of [`measure`](super::measure): values at
 //! points against the definition in double precision; errors of pictures are held against the scene's own picture in steps
-//! of a quarter of a voxel, with no octave faded. Rows that no other row of their kind beats in both time and error are on the
+//! of a quarter of a voxel, with no octave faded. A bake of a scene that is altered, and a picture of another, is held against
+//! the density of that one, and is on no front. Rows that no other row of their kind beats in both time and error are on the
 //! *front*. What there was no time for is listed and left out.
 
 mod bakes;

@@ -1,5 +1,7 @@
 //! Pictures by many ways.
 
+use std::num::NonZeroU32;
+
 use glam::DVec3;
 use serde::Serialize;
 
@@ -9,8 +11,8 @@ use super::rows::{Cost, ImageError, Kind, Row, Settings, Spread};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{Compression, Encoder};
 use crate::march::{
-    Baked, Camera, Entry, Film, Grid, Integrator, Marching, Meaning, Medium, Method, Optics, Picture,
-    Procedural, Quality, Shadow,
+    Baked, Camera, Entry, Film, Grid, Integrator, Intervals, Marching, Meaning, Medium, Method, Optics,
+    Picture, Procedural, Quality, Shadow,
 };
 use crate::num::Level;
 use crate::report::exact::unlimited;
@@ -19,7 +21,7 @@ use crate::report::image::{Picture as Image, compare_images};
 use crate::report::parts::Part;
 use crate::report::trial::{Pilot, TrialError, rows};
 use crate::scene::Scene;
-use crate::volume::Precision;
+use crate::volume::{PlanError, Precision};
 
 /// Of the picture that others are held against: voxels between steps, and the part of the light that may be left.
 const FINE: f64 = 0.25;
@@ -68,13 +70,40 @@ struct Way {
     step: f64,
     cutoff: f64,
     marching: Marching,
+    shadow: Shadow,
 }
 
 const DEFAULT: Way = Way {
     step: STEP,
     cutoff: CUTOFF,
-    marching: Marching { method: Method::Gauss, growth: 0.0, entry: Entry::Cones, map_every: 1 },
+    marching: Marching {
+        method: Method::Gauss,
+        growth: 0.0,
+        entry: Entry::Cones,
+        map_every: 1,
+        intervals: Intervals::Bricks,
+        count: None,
+    },
+    shadow: Shadow::Cached(2.0),
 };
+
+/// Samples of a ray whose densities are summed.
+const SUMMED: [u32; 4] = [5, 16, 64, 256];
+/// Where samples are held against every segment's box there are no more of these.
+const MOST_SEGMENTS: usize = 1000;
+
+/// The ways to know which steps are inside of tubes, and what they are called.
+const INTERVALS: [(&str, Intervals); 3] = [
+    ("a box of each segment tested at every step", Intervals::SampleBoxes),
+    ("a box of each segment tested once a ray", Intervals::RayBoxes),
+    ("cones found in a tree once a ray", Intervals::Cones),
+];
+
+fn in_the_middle(change: impl FnOnce(&mut Marching)) -> Way {
+    let mut marching = Marching { method: Method::Midpoint, ..Marching::default() };
+    change(&mut marching);
+    Way { marching, ..DEFAULT }
+}
 
 /// What all pictures of a scene share.
 struct View {
@@ -96,8 +125,10 @@ impl View {
     }
 }
 
-/// The picture that others are held against.
-struct Best {
+/// The picture that others are held against, and what it is of.
+struct Best<'a> {
+    scene: &'a Scene,
+    lattice: Lattice,
     film: Film,
     view: View,
 }
@@ -112,7 +143,7 @@ impl Run<'_> {
         let fine = Way { step: FINE, cutoff: NONE_LEFT, ..DEFAULT };
         let all = unlimited(self.scene);
         let film = self.procedural(&all, self.lattice, fine, &view, 0)?.0;
-        let best = Best { film, view };
+        let best = Best { scene: self.scene, lattice: self.lattice, film, view };
         let limited = self.procedural(self.scene, self.lattice, fine, &best.view, 0)?.0;
         let coarse =
             self.procedural(self.scene, self.lattice, Way { cutoff: NONE_LEFT, ..DEFAULT }, &best.view, 0)?.0;
@@ -148,13 +179,10 @@ impl Run<'_> {
         if !self.time_for("the picture that others are held against") {
             return Ok(());
         }
-        let view = View::new(self.scene, self.effort.size);
-        let fine = Way { step: FINE, cutoff: NONE_LEFT, ..DEFAULT };
-        let film = self.procedural(&unlimited(self.scene), self.lattice, fine, &view, 0)?.0;
-        let best = Best { film, view };
+        let best = self.best(self.scene, self.lattice)?;
         let with = |method, growth, entry, map_every, step| Way {
             step,
-            marching: Marching { method, growth, entry, map_every },
+            marching: Marching { method, growth, entry, map_every, ..Marching::default() },
             ..DEFAULT
         };
         let (cones, alpha, midpoint) = (Entry::Cones, Method::Alpha, Method::Midpoint);
@@ -187,6 +215,14 @@ impl Run<'_> {
         for (group, label, way) in ways {
             self.way(group, label, way, &best)?;
         }
+        for samples in SUMMED {
+            let summed = in_the_middle(|marching| marching.count = NonZeroU32::new(samples));
+            let label = format!("{samples} samples a ray, no shadows");
+            self.way("density sum", &label, Way { shadow: Shadow::None, ..summed }, &best)?;
+        }
+        let summed = in_the_middle(|marching| marching.count = NonZeroU32::new(64));
+        self.way("density sum", "64 samples a ray, with shadows", summed, &best)?;
+        self.ways_inside("", &best)?;
         for octaves in [1, 0] {
             let label = if octaves == 0 { "gauss, no noise" } else { "gauss, 1 octave" };
             if most_octaves(self.scene) > octaves && self.time_for(label) {
@@ -200,41 +236,95 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// A row for a way through the scene itself.
-    fn way(&mut self, group: &'static str, label: &str, way: Way, best: &Best) -> Result<(), TrialError> {
-        if self.time_for(label) {
-            let (film, cost) =
-                self.procedural(self.scene, self.lattice, way, &best.view, self.effort.repeats)?;
-            let Marching { method, growth, entry, map_every } = way.marching;
-            let mut command = format!(
-                "vdbake render SCENE -o IMG --voxel-size {:?} --step {} --cutoff {:?} --method {}{}{}",
-                self.lattice.voxel_size,
-                way.step,
-                way.cutoff,
-                method_name(method),
-                self.at_time(),
-                self.of_size()
-            );
-            if method != Method::Gauss {
-                let entry = match entry {
-                    Entry::Cones => "cones",
-                    Entry::Constant => "constant",
-                    Entry::Converging => "converging",
-                    Entry::SphereTracing => "sphere-tracing",
-                };
-                command += &format!(" --growth {growth:?} --entry {entry} --map-every {map_every}");
+    /// What the ways to know what is inside cost in a scene that is not the report's own.
+    pub(super) fn ways_through(
+        &mut self,
+        what: &str,
+        scene: &Scene,
+        lattice: Lattice,
+    ) -> Result<(), TrialError> {
+        let best = self.best(scene, lattice)?;
+        self.ways_inside(&format!("{what}: "), &best)
+    }
+
+    /// A row for each way to know which steps are inside.
+    fn ways_inside(&mut self, what: &str, best: &Best<'_>) -> Result<(), TrialError> {
+        let segments: usize = best.scene.tubes().iter().map(|tube| tube.curve.segments().len()).sum();
+        for (label, intervals) in INTERVALS {
+            let label = format!("{what}{label}");
+            if intervals == Intervals::SampleBoxes && segments > MOST_SEGMENTS {
+                self.left_out.push(format!("{label}: there are {segments} segments"));
+                continue;
             }
-            self.row(
-                group,
-                label.to_owned(),
-                (self.lattice, None, Some(way)),
-                Some(command),
-                best,
-                &film,
-                cost,
-            );
+            self.way("intervals", &label, in_the_middle(|marching| marching.intervals = intervals), best)?;
         }
         Ok(())
+    }
+
+    fn best<'b>(&self, scene: &'b Scene, lattice: Lattice) -> Result<Best<'b>, TrialError> {
+        let view = View::new(scene, self.effort.size);
+        let fine = Way { step: FINE, cutoff: NONE_LEFT, ..DEFAULT };
+        let film = self.procedural(&unlimited(scene), lattice, fine, &view, 0)?.0;
+        Ok(Best { scene, lattice, film, view })
+    }
+
+    /// A row for a way through a scene itself.
+    fn way(&mut self, group: &'static str, label: &str, way: Way, best: &Best<'_>) -> Result<(), TrialError> {
+        if self.time_for(label) {
+            let (film, cost) =
+                self.procedural(best.scene, best.lattice, way, &best.view, self.effort.repeats)?;
+            let command = self.is_own(best).then(|| self.command(way));
+            let settings = (best.lattice, None, Some(way));
+            self.row(group, label.to_owned(), settings, command, best, &film, cost);
+        }
+        Ok(())
+    }
+
+    /// Whether a picture is of the report's own scene.
+    fn is_own(&self, best: &Best<'_>) -> bool {
+        std::ptr::eq(best.scene, self.scene)
+    }
+
+    fn command(&self, way: Way) -> String {
+        let Marching { method, growth, entry, map_every, intervals, count } = way.marching;
+        let mut command = format!(
+            "vdbake render SCENE -o IMG --voxel-size {:?} --cutoff {:?} --method {}{}{}",
+            self.lattice.voxel_size,
+            way.cutoff,
+            method_name(method),
+            self.at_time(),
+            self.of_size()
+        );
+        match count {
+            None => command += &format!(" --step {}", way.step),
+            Some(count) => command += &format!(" --ray-steps {count}"),
+        }
+        if way.shadow == Shadow::None {
+            command += " --shadow none";
+        }
+        if method == Method::Gauss {
+            return command;
+        }
+        if count.is_none() {
+            command += &format!(" --growth {growth:?}");
+        }
+        let has_boxes = matches!(intervals, Intervals::RayBoxes | Intervals::SampleBoxes);
+        if count.is_none() && !has_boxes {
+            let entry = match entry {
+                Entry::Cones => "cones",
+                Entry::Constant => "constant",
+                Entry::Converging => "converging",
+                Entry::SphereTracing => "sphere-tracing",
+            };
+            command += &format!(" --entry {entry}");
+        }
+        let intervals = match intervals {
+            Intervals::Bricks => "bricks",
+            Intervals::Cones => "cones",
+            Intervals::RayBoxes => "ray-boxes",
+            Intervals::SampleBoxes => "sample-boxes",
+        };
+        command + &format!(" --map-every {map_every} --intervals {intervals}")
     }
 
     #[allow(clippy::too_many_arguments, reason = "a row")]
@@ -244,12 +334,14 @@ impl Run<'_> {
         label: String,
         (lattice, octaves, way): (Lattice, Option<u32>, Option<Way>),
         command: Option<String>,
-        best: &Best,
+        best: &Best<'_>,
         film: &Film,
         cost: Cost,
     ) {
         let is_baked = way.is_none();
+        let is_own = self.is_own(best);
         self.rows.push(Row {
+            is_own,
             group,
             label,
             kind: Kind::Picture,
@@ -259,7 +351,7 @@ impl Run<'_> {
                 precision: is_baked.then_some("f32"),
                 compression: None,
                 octaves,
-                step: way.map(|way| way.step),
+                step: way.filter(|way| way.marching.count.is_none()).map(|way| way.step),
                 method: way.map(|way| method_name(way.marching.method)),
             },
             command,
@@ -282,7 +374,7 @@ impl Run<'_> {
         let mut field = Field::compile(scene);
         field.widen(lattice);
         let medium = Procedural::new(&field, lattice, way.step, self.effort.budget)?.with(way.marching);
-        Ok(self.film(&Medium::Procedural(medium), way.cutoff, view, repeats))
+        Ok(self.film(&Medium::Procedural(medium), way, view, repeats))
     }
 
     /// Its bake.
@@ -297,19 +389,21 @@ impl Run<'_> {
         let lot = Pilot::new(self.scene, self.effort.budget).at(lattice)?;
         let encoder = Encoder::new(Compression::None).with_precision(precision);
         let tree = lot.bake(encoder)?.tree;
-        let grid = Grid::from_rows(&rows(lattice)).ok_or(crate::volume::PlanError::TooWide)?;
+        let grid = Grid::from_rows(&rows(lattice)).ok_or(PlanError::TooWide)?;
+        #[allow(clippy::cast_precision_loss, reason = "for a message")]
+        let bricks = lot.plan.bricks() as f64;
         let baked = Baked::new(&tree, grid, Meaning::Density, self.effort.budget)
-            .map_err(|_| crate::volume::PlanError::TooMany { bricks: 0.0 })?;
-        Ok(self.film(&Medium::Baked(baked), way.cutoff, view, repeats))
+            .map_err(|_| PlanError::TooMany { bricks })?;
+        Ok(self.film(&Medium::Baked(baked), way, view, repeats))
     }
 
     /// One sample a pixel, and what that takes.
-    fn film(&self, medium: &Medium<'_>, cutoff: f64, view: &View, repeats: usize) -> (Film, Cost) {
+    fn film(&self, medium: &Medium<'_>, way: Way, view: &View, repeats: usize) -> (Film, Cost) {
         let quality = Quality {
             size: self.effort.size,
             samples: 1,
-            cutoff,
-            shadow: Shadow::Cached(2.0),
+            cutoff: way.cutoff,
+            shadow: way.shadow,
             integrator: Integrator::Single,
         };
         let mut picture = Picture::new(medium, view.camera, &view.optics, quality, view.level);

@@ -82,11 +82,14 @@ pub struct Row {
     pub label: String,
     /// What it is of.
     pub kind: Kind,
+    /// Whether it is of the scene's own density. Others are of one that is altered, against which they are measured: they
+    /// are held against each other alone, and stand on no front.
+    pub is_own: bool,
     /// All that can be set.
     pub settings: Settings,
     /// The command that does the same, where there is one.
     pub command: Option<String>,
-    /// Of a bake's values; null where they are not held against the scene's own density.
+    /// Of a bake's values.
     pub field: Option<FieldError>,
     /// Of a picture.
     pub image: Option<ImageError>,
@@ -219,7 +222,8 @@ impl Row {
 
 /// Marks the rows that no other row of their kind beats in both.
 pub(super) fn mark_fronts(rows: &mut [Row]) {
-    let levels: Vec<(Kind, Option<LevelOf>)> = rows.iter().map(|row| (row.kind, row.level())).collect();
+    let level = |row: &Row| row.level().filter(|_| row.is_own);
+    let levels: Vec<(Kind, Option<LevelOf>)> = rows.iter().map(|row| (row.kind, level(row))).collect();
     for (row, (kind, level)) in rows.iter_mut().zip(&levels) {
         let Some(level) = level else { continue };
         let beaten = levels
@@ -231,13 +235,59 @@ pub(super) fn mark_fronts(rows: &mut [Row]) {
     }
 }
 
-/// One line for each row, with the figures that plots need.
+/// Of a line for each row: the figures that plots need.
+const COLUMNS: [&str; 40] = [
+    "group",
+    "label",
+    "kind",
+    "voxel_size",
+    "filter",
+    "precision",
+    "compression",
+    "octaves",
+    "step",
+    "method",
+    "relative_l1",
+    "relative_l2",
+    "l2_low",
+    "l2_high",
+    "max_of_peak",
+    "p999_of_peak",
+    "relative_bias",
+    "mass_ratio",
+    "optical_depth",
+    "image_rmse",
+    "image_relative",
+    "image_psnr",
+    "image_flip",
+    "transmittance_rmse",
+    "plan",
+    "evaluate",
+    "encode",
+    "write",
+    "read",
+    "march",
+    "total",
+    "total_least",
+    "total_most",
+    "bytes",
+    "memory",
+    "active_voxels",
+    "ns_per_voxel",
+    "evaluated_places",
+    "is_own",
+    "on_front",
+];
+
 impl Report {
     /// As CSV, with a header.
-    pub fn to_csv(&self) -> String {
-        let mut text = String::from(
-            "group,label,kind,voxel_size,filter,precision,compression,octaves,step,method,relative_l1,relative_l2,l2_low,l2_high,max_of_peak,p999_of_peak,relative_bias,mass_ratio,optical_depth,image_rmse,image_relative,image_psnr,image_flip,transmittance_rmse,plan,evaluate,encode,write,read,march,total,total_least,total_most,bytes,memory,active_voxels,ns_per_voxel,evaluated_places,on_front\n",
-        );
+    ///
+    /// # Errors
+    ///
+    /// None but those of a writer that holds all in memory.
+    pub fn to_csv(&self) -> Result<Vec<u8>, csv::Error> {
+        let mut lines = csv::Writer::from_writer(Vec::new());
+        lines.write_record(COLUMNS)?;
         for row in &self.rows {
             let (set, cost) = (&row.settings, &row.cost);
             let number = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:?}"));
@@ -250,9 +300,9 @@ impl Report {
                 Kind::Bake => "bake",
                 Kind::Picture => "picture",
             };
-            let cells = [
+            let cells: [String; COLUMNS.len()] = [
                 row.group.to_owned(),
-                format!("\"{}\"", row.label.replace('"', "\"\"")),
+                row.label.clone(),
                 kind.to_owned(),
                 number(Some(set.voxel_size)),
                 word(set.filter),
@@ -289,12 +339,12 @@ impl Report {
                 count(cost.active_voxels),
                 number(cost.ns_per_voxel),
                 count(cost.evaluated_places),
+                row.is_own.to_string(),
                 row.on_front.to_string(),
             ];
-            text.push_str(&cells.join(","));
-            text.push('\n');
+            lines.write_record(cells)?;
         }
-        text
+        lines.into_inner().map_err(|error| error.into_error().into())
     }
 }
 
@@ -320,6 +370,7 @@ mod tests {
             group: "group",
             label: "a \"label\", and more".to_owned(),
             kind,
+            is_own: true,
             settings,
             command: None,
             field: (kind == Kind::Bake).then_some(field),
@@ -337,9 +388,12 @@ mod tests {
             row(Kind::Bake, 3.0, 0.375),
             row(Kind::Bake, 4.0, 0.125),
             row(Kind::Picture, 10.0, 0.75),
+            // Of another density: better, and no matter.
+            Row { is_own: false, ..row(Kind::Bake, 0.5, 0.0625) },
         ];
         mark_fronts(&mut rows);
-        assert_eq!(rows.iter().map(|row| row.on_front).collect::<Vec<_>>(), [true, true, false, true, true]);
+        let front: Vec<bool> = rows.iter().map(|row| row.on_front).collect();
+        assert_eq!(front, [true, true, false, true, true, false]);
     }
 
     #[test]

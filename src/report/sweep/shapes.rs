@@ -1,24 +1,36 @@
 //! Scenes of other shapes: what a setting of the tube costs, and how cost grows with the number of segments.
 
 use super::Run;
-use super::rows::{Cost, Kind, Row, Settings};
-use crate::curve::FrameRule;
+use super::bakes::filter_name;
+use super::rows::{Cost, FieldError, Kind, Row, Settings};
+use crate::curve::{Curve, CurveError, FrameRule};
 use crate::field::Lattice;
 use crate::formats::vdb::{Compression, Encoder};
-use crate::report::trial::Pilot;
+use crate::report::trial::{Pilot, TrialError};
 use crate::scene::{Conserve, Overlap, Scene};
+use crate::volume::Filter;
 
-/// Segments of curves that are alike otherwise.
+/// Segments of curves that are alike otherwise, and of that on which ways to find what is inside of them are compared.
 const SEGMENTS: [u32; 5] = [1, 10, 100, 1000, 10_000];
+const MET: u32 = 100;
+/// Points at which these bakes are held against their densities, as a part of those of others, and rays. (The reference looks at
+/// every segment at every point: all take no more than so many looks.)
+const POINTS: usize = 4;
+const RAYS: usize = 100;
+const LOOKS: usize = 4_000_000;
+const LEAST_POINTS: usize = 400;
 
 impl Run<'_> {
-    /// Rows without an error: each is another density.
+    /// Rows of other densities than the scene's: each is held against its own.
     pub(super) fn shapes(&mut self) {
         let frames = [("rotation-minimising", FrameRule::RotationMinimising), ("frenet", FrameRule::Frenet)];
         for (name, frame) in frames {
-            self.shape("frame", &format!("frame {name}"), |scene| {
-                scene.tubes.iter_mut().for_each(|tube| tube.frame = frame);
-            });
+            let label = format!("frame {name}");
+            // Curves carry their frames.
+            match with_frame(self.scene, frame) {
+                Ok(scene) => self.shape("frame", &label, |altered| *altered = scene),
+                Err(error) => self.left_out.push(format!("{label}: {error}")),
+            }
         }
         for (name, conserve) in
             [("off", Conserve::Off), ("radius", Conserve::Radius), ("full", Conserve::Full)]
@@ -49,6 +61,14 @@ impl Run<'_> {
                 }
             }
         }
+        let lattice = Lattice { voxel_size: HELIX_LENGTH / 256.0 };
+        let label = format!("a helix of {MET} segments");
+        if self.time_for(&label)
+            && let Ok(scene) = helix(MET, "quadratic")
+            && let Err(error) = self.ways_through(&label, &scene, lattice)
+        {
+            self.left_out.push(format!("{label}: {error}"));
+        }
     }
 
     fn shape(&mut self, group: &'static str, label: &str, change: impl FnOnce(&mut Scene)) {
@@ -60,9 +80,8 @@ impl Run<'_> {
     }
 
     fn costed(&mut self, group: &'static str, label: String, scene: &Scene, lattice: Lattice) {
-        let encoder = Encoder::new(Compression::Blosc);
-        let cost: Cost = match self.costs(&Pilot::new(scene, self.effort.budget), lattice, encoder) {
-            Ok((cost, _)) => cost,
+        let (cost, field) = match self.measured(scene, lattice) {
+            Ok(found) => found,
             Err(error) => {
                 self.left_out.push(format!("{label}: {error}"));
                 return;
@@ -72,9 +91,10 @@ impl Run<'_> {
             group,
             label,
             kind: Kind::Bake,
+            is_own: false,
             settings: Settings {
                 voxel_size: lattice.voxel_size,
-                filter: None,
+                filter: Some(filter_name(Filter::Trilinear)),
                 precision: Some("f32"),
                 compression: Some("blosc"),
                 octaves: None,
@@ -82,12 +102,36 @@ impl Run<'_> {
                 method: None,
             },
             command: None,
-            field: None,
+            field: Some(field),
             image: None,
             cost,
             on_front: false,
         });
     }
+}
+
+impl Run<'_> {
+    /// What a bake of a scene takes, and how far it is from the density of that scene.
+    fn measured(&self, scene: &Scene, lattice: Lattice) -> Result<(Cost, FieldError), TrialError> {
+        let pilot = Pilot::new(scene, self.effort.budget);
+        let (cost, tree) = self.costs(&pilot, lattice, Encoder::new(Compression::Blosc))?;
+        let segments: usize = scene.tubes().iter().map(|tube| tube.curve.segments().len()).sum();
+        let points = (LOOKS / segments.max(1)).min(self.effort.points / POINTS).max(LEAST_POINTS);
+        let held = self.held_against(scene, lattice, points)?;
+        Ok((cost, held.error(tree, Filter::Trilinear, self.effort.rays.min(RAYS))?))
+    }
+}
+
+/// A scene whose tubes' cross-sections are carried along by another rule.
+fn with_frame(scene: &Scene, rule: FrameRule) -> Result<Scene, CurveError> {
+    let mut scene = scene.clone();
+    for tube in &mut scene.tubes {
+        let segments = tube.curve.segments().to_vec();
+        tube.curve =
+            if tube.curve.is_closed() { Curve::closed(segments, rule)? } else { Curve::new(segments, rule)? };
+        tube.frame = rule;
+    }
+    Ok(scene)
 }
 
 /// Metres from end to end along the axis of the helix.

@@ -21,7 +21,7 @@
 #![allow(clippy::cast_precision_loss, reason = "counts")]
 
 mod scenes;
-#[path = "../speed/table.rs"]
+#[path = "../table.rs"]
 mod table;
 
 use std::time::Instant;
@@ -34,7 +34,7 @@ use vdbake::march::{
 use vdbake::num::Level;
 
 use scenes::Drawn;
-use table::Table;
+use table::{Section, Table, median, show};
 
 const ROUNDS: usize = 5;
 /// The step of the picture that others are compared with, in voxels.
@@ -47,10 +47,7 @@ const SCENES: [(&str, [[f64; 2]; 5]); 3] = [
     ("galaxy", [[25.0, 27.0], [85.0, 90.0], [130.0, 135.0], [45.0, 50.0], [88.0, 90.0]]),
 ];
 
-/// A section: its name, and what measures it.
-type Section = (&'static str, fn(&Options) -> Table);
-
-const SECTIONS: [Section; 3] = [("paper", paper), ("methods", methods), ("baked", baked)];
+const SECTIONS: [Section<Options>; 3] = [("paper", paper), ("methods", methods), ("baked", baked)];
 
 /// What the command line asks for.
 struct Options {
@@ -80,29 +77,7 @@ fn main() {
             (name, _) => panic!("no section and no scene `{name}`"),
         }
     }
-    let mut object = serde_json::Map::new();
-    object.insert("simd".into(), Level::best().name().into());
-    object.insert("threads".into(), rayon::current_num_threads().into());
-    for (name, run) in SECTIONS {
-        if !asked.is_empty() && asked.iter().all(|asked| asked != name) {
-            continue;
-        }
-        let table = run(&options);
-        if json {
-            object.insert(name.into(), table.json());
-        } else {
-            println!("{name}, {}\n\n{}", Level::best().name(), table.text());
-        }
-    }
-    if json {
-        println!("{}", Value::Object(object));
-    }
-}
-
-/// The value in the middle.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    show(&SECTIONS, &asked, &options, json);
 }
 
 /// A picture's first sample, the milliseconds that one takes, and the places evaluated for the first.
@@ -232,7 +207,12 @@ fn methods(options: &Options) -> Table {
                 over,
             ]);
         };
-        let of = |method: Method, entry: Entry, growth: f64| Marching { method, growth, entry, map_every: 1 };
+        let of = |method: Method, entry: Entry, growth: f64| Marching {
+            method,
+            growth,
+            entry,
+            ..Marching::default()
+        };
         for (text, method) in
             [("gauss", Method::Gauss), ("midpoint", Method::Midpoint), ("alpha", Method::Alpha)]
         {

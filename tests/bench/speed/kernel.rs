@@ -18,10 +18,10 @@ use vdbake::num::Level;
 use vdbake::scene::Scene;
 use vdbake::volume::{Plan, RestMass, bake};
 
+use crate::Options;
 use crate::bare::bare_noise;
 use crate::discard::Discard;
-use crate::table::Table;
-use crate::{Options, median};
+use crate::table::{Table, median};
 
 const ROUNDS: usize = 7;
 /// Bricks that stand for all where there are more.

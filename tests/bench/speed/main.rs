@@ -22,16 +22,12 @@ mod discard;
 mod kernel;
 mod pipeline;
 mod segments;
+#[path = "../table.rs"]
 mod table;
 
-use vdbake::num::Level;
+use table::{Section, show};
 
-use table::Table;
-
-/// A section: its name, and what measures it.
-type Section = (&'static str, fn(&Options) -> Table);
-
-const SECTIONS: [Section; 3] =
+const SECTIONS: [Section<Options>; 3] =
     [("kernel", kernel::run), ("segments", segments::run), ("pipeline", pipeline::run)];
 
 /// What the command line asks for.
@@ -60,26 +56,5 @@ fn main() {
     }
     let usual = vec![128.0, 256.0, 512.0, 1024.0, 2048.0];
     options.resolutions = if options.given.is_empty() { usual } else { options.given.clone() };
-    let mut object = serde_json::Map::new();
-    object.insert("simd".into(), Level::best().name().into());
-    for (name, run) in SECTIONS {
-        if !asked.is_empty() && asked.iter().all(|asked| asked != name) {
-            continue;
-        }
-        let table = run(&options);
-        if json {
-            object.insert(name.into(), table.json());
-        } else {
-            println!("{name}, {}\n\n{}", Level::best().name(), table.text());
-        }
-    }
-    if json {
-        println!("{}", serde_json::Value::Object(object));
-    }
-}
-
-/// The value in the middle.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    show(&SECTIONS, &asked, &options, json);
 }

@@ -16,8 +16,8 @@ use vdbake::num::Level;
 use vdbake::scene::Scene;
 use vdbake::volume::{Plan, bake};
 
-use crate::table::Table;
-use crate::{Options, median};
+use crate::Options;
+use crate::table::{Table, median};
 
 const ROUNDS: usize = 5;
 const WAYS: [(&str, Compression); 3] =

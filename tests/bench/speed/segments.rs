@@ -12,10 +12,10 @@ use vdbake::num::Level;
 use vdbake::scene::Scene;
 use vdbake::volume::{Plan, bake};
 
+use crate::Options;
 use crate::bare::bare_noise;
 use crate::discard::Discard;
-use crate::table::Table;
-use crate::{Options, median};
+use crate::table::{Table, median};
 
 const ROUNDS: usize = 5;
 const BRICKS: usize = 8192;

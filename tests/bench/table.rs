@@ -1,6 +1,37 @@
-//! Figures with names, as a table to read or as JSON.
+//! Figures with names, as tables to read or as JSON.
 
 use serde_json::{Map, Value};
+use vdbake::num::Level;
+
+/// A section of a bench: its name, and what measures it with these options.
+pub(crate) type Section<O> = (&'static str, fn(&O) -> Table);
+
+/// Measures the sections that are asked for, or all, and prints a table for each as it comes, or one JSON object in the end.
+pub(crate) fn show<O>(sections: &[Section<O>], asked: &[String], options: &O, json: bool) {
+    let mut object = Map::new();
+    object.insert("simd".into(), Level::best().name().into());
+    object.insert("threads".into(), rayon::current_num_threads().into());
+    for (name, run) in sections {
+        if !asked.is_empty() && asked.iter().all(|asked| asked != name) {
+            continue;
+        }
+        let table = run(options);
+        if json {
+            object.insert((*name).into(), table.json());
+        } else {
+            println!("{name}, {}\n\n{}", Level::best().name(), table.text());
+        }
+    }
+    if json {
+        println!("{}", Value::Object(object));
+    }
+}
+
+/// The value in the middle.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
 
 /// Rows of figures under the same names.
 pub(crate) struct Table {
