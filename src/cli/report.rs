@@ -8,7 +8,7 @@ use clap::Args;
 use super::compare::figure;
 use super::interrupt::Interrupt;
 use super::job::{Compiled, SceneOptions, Source};
-use super::output::save;
+use super::output::{Output, save};
 use super::progress::Progress;
 use super::sample::unplanned;
 use super::{Failure, Global, text};
@@ -86,6 +86,7 @@ impl Form {
 /// Reports.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let form = Form::of(&arguments.output)?;
+    Output::check(&arguments.output)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
     let files = pool.install(|| {
