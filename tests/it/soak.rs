@@ -30,12 +30,12 @@ use crate::support::Voxel;
 use scenes::{Case, case};
 
 /// Voxels of each scene at which kernel and reference are compared, and off the plan.
-const INSIDE: usize = 150;
-const OUTSIDE: usize = 60;
+const INSIDE: usize = 80;
+const OUTSIDE: usize = 40;
 /// Scenes whose files OpenVDB reads at once.
 const BATCH: u64 = 250;
 /// Bricks of a scene that is to be large: some MiB, of which one stays in memory.
-const LARGE: usize = 3000;
+const LARGE: usize = 2000;
 /// Bytes for each plan.
 const BUDGET: u64 = 256 << 20;
 
