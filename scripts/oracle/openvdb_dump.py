@@ -28,7 +28,7 @@ except ImportError:
         bpy.utils.expose_bundled_modules()
         import openvdb as vdb
 
-WINDOW = 128  # edge of the dense windows that values are copied through: 8 MiB of f32
+WINDOW = 128  # largest edge of the dense windows that values are copied through: 8 MiB of f32
 MARKER = np.float32(3e38)
 
 
@@ -96,13 +96,15 @@ def active_values(grid):
     marked = grid.deepCopy()
     marked.background = float(MARKER) if channels == 1 else (float(MARKER),) * 3
     low, high = grid.evalActiveVoxelBoundingBox()
-    starts = [range(a // WINDOW * WINDOW, b + 1, WINDOW) for a, b in zip(low, high)]
-    shape = (WINDOW,) * 3 + ((3,) if channels == 3 else ())
+    # Small grids get small windows.
+    window = [min(WINDOW, b - a + 1) for a, b in zip(low, high)]
+    starts = [range(a, b + 1, edge) for a, b, edge in zip(low, high, window)]
+    shape = (*window, 3) if channels == 3 else tuple(window)
     before, after = np.empty(shape, np.float32), np.empty(shape, np.float32)
     indices, values = [], []
     for corner in ((x, y, z) for x in starts[0] for y in starts[1] for z in starts[2]):
         marked.copyToArray(after, ijk=corner)
-        voxels = after.reshape(WINDOW, WINDOW, WINDOW, channels)
+        voxels = after.reshape(*window, channels)
         where = np.nonzero(np.abs(voxels[..., 0]) != MARKER)
         if where[0].size:
             indices.append(np.stack(where, axis=1).astype(np.int32) + np.array(corner, np.int32))

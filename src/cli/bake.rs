@@ -274,8 +274,7 @@ fn bake(
     }
     let planned = clock.read();
 
-    interrupt.hold();
-    let mut output = Output::create(path)?;
+    let mut output = Output::create(path, interrupt)?;
     let grid = pool.install(|| empty_grid(job, plan, planned[0], &output))?;
     progress.begin(plan.bricks());
     let (grid, tally, mut phases) =
@@ -354,9 +353,7 @@ fn bake(
     }
     // Of what was there before: the new file is never beside it.
     certify::forget(path)?;
-    output
-        .publish()
-        .map_err(|error| Failure::failed(format!("cannot write {}", path.display())).because(error))?;
+    output.publish().map_err(|error| disk::unwritten(path, error))?;
     let mut certificate_file = None;
     if let Some(certificate) = &certificate {
         let beside = certify::beside(path);

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::interrupt::Interrupt;
 use super::job::{Job, Moment, Options, Source};
-use super::output::save;
+use super::output::{Output, save};
 use super::progress::Progress;
 use super::sample::unplanned;
 use super::{Failure, Global, failure, text};
@@ -224,6 +224,9 @@ fn of_program(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let form = arguments.output.as_deref().map(Form::of).transpose()?;
     if let Some(option) = arguments.options.scene.for_scenes_only() {
         return Err(Failure::usage(format!("{option} is for scenes, and none is given")));
+    }
+    if let Some(output) = &arguments.output {
+        Output::check(output)?;
     }
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;

@@ -1,6 +1,6 @@
 //! `vdbake convert`: from one format of volumes to another.
 
-use std::io::{self, BufWriter};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -11,7 +11,7 @@ use super::memory::{Amount, enough};
 use super::output::Output;
 use super::progress::Progress;
 use super::slice::source::{Plane, Sliced};
-use super::{Failure, Global, info, machine, text};
+use super::{Failure, Global, disk, info, machine, text};
 use crate::formats::vol::{VolError, VolHeader, VolWriter};
 use crate::volume::{Axis, Slicing};
 
@@ -70,9 +70,11 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         };
         return Err(failure.hint(KNOWN));
     }
-    let budget = arguments.memory.unwrap_or_else(Amount::installed).bytes();
     let interrupt = Interrupt::listen()?;
-    let report = global.pool()?.install(|| {
+    let pool = global.pool()?;
+    let budget = Amount::settle(arguments.memory).bytes();
+    Output::check(output)?;
+    let report = pool.install(|| {
         let mut grid = Sliced::of_file(input, grid.as_deref(), Axis::Z, budget)?;
         if grid.is_empty {
             global.note(&format!("{} holds nothing: the .vol file holds zeros", input.display()));
@@ -86,7 +88,6 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         if need > budget {
             return Err(too_large(&header, need));
         }
-        interrupt.hold();
         write(arguments, &mut grid, &slicing, header, &interrupt, global.quiet)
     })?;
     global.show(&report, human)
@@ -156,7 +157,7 @@ fn write(
     quiet: bool,
 ) -> Result<Report, Failure> {
     let path = &arguments.output;
-    let output = Output::create(path)?;
+    let output = Output::create(path, interrupt)?;
     let bytes = header.bytes();
     if let Some(free) = machine::free_space(output.folder()).filter(|free| *free < bytes) {
         let room = format!("{} free in {}", text::bytes(free), output.folder().display());
@@ -165,7 +166,10 @@ fn write(
         return Err(Failure::failed(message)
             .hint("a .vol file holds every cell of its box: bake with a larger --voxel-size"));
     }
-    let failed = |error: VolError| Failure::failed(format!("cannot write {}", path.display())).because(error);
+    let failed = |error: VolError| match error {
+        VolError::Io(error) => disk::unwritten(path, error),
+        error => Failure::failed(format!("cannot write {}", path.display())).because(error),
+    };
     // A signal ends the writing, and is what there is to tell then.
     let stopped = |error: VolError| interrupt.check().err().unwrap_or_else(|| failed(error));
     let mut progress = Progress::new(1, quiet);
@@ -188,8 +192,7 @@ fn write(
         next = layer.end;
     }
     writer.finish().map_err(stopped)?;
-    let failed =
-        |error: io::Error| Failure::failed(format!("cannot write {}", path.display())).because(error);
+    let failed = |error| disk::unwritten(path, error);
     output.sync().map_err(failed)?;
     interrupt.check()?;
     output.publish().map_err(failed)?;

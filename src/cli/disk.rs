@@ -43,21 +43,40 @@ pub(super) fn check(job: &Job, planned: &Planned<'_>, output: &Output) -> Result
 /// Why a file could not be written, and what to do.
 pub(super) fn failure(path: &Path, error: VdbWriteError) -> Failure {
     let failure = Failure::failed(format!("cannot write {}", path.display()));
-    let (kind, spool) = match &error {
-        VdbWriteError::Io(error) => (error.kind(), false),
-        VdbWriteError::Spool(error) => (error.kind(), true),
-        _ => return failure.because(error),
-    };
-    let failure = failure.because(error);
-    match kind {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge if spool => failure
-            .hint("make room on the disk, write to another one with -o, or allow more with --memory, so that less goes to the spool"),
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
-            failure.hint("make room on the disk, or write to another one with -o")
+    match error {
+        VdbWriteError::Io(error) => unwritten(path, error),
+        VdbWriteError::Spool(error) => {
+            let failure = if is_full(error.kind()) {
+                failure.hint("make room on the disk, write to another one with -o, or allow more with --memory, so that less goes to the spool")
+            } else {
+                failure.hint("the spool is a temporary file in the output's folder: bake again, to another disk with -o, or with more --memory, so that it is not needed")
+            };
+            failure.because(VdbWriteError::Spool(error))
         }
-        _ if spool => failure.hint(
-            "the spool is a temporary file in the output's folder: bake again, to another disk with -o, or with more --memory, so that it is not needed",
-        ),
+        VdbWriteError::Memory { .. } => failure
+            .hint("with less --memory values wait on the disk; fewer --threads take less, too")
+            .because(error),
+        error => failure.because(error),
+    }
+}
+
+/// The same of any file.
+pub(super) fn unwritten(path: &Path, error: io::Error) -> Failure {
+    hint(Failure::failed(format!("cannot write {}", path.display())), error.kind()).because(error)
+}
+
+/// With what may help after an error of a disk.
+pub(super) fn hint(failure: Failure, kind: io::ErrorKind) -> Failure {
+    match kind {
+        _ if is_full(kind) => failure.hint("make room on the disk, or choose another one for the output"),
+        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
+            failure.hint("choose another folder for the output")
+        }
         _ => failure,
     }
+}
+
+fn is_full(kind: io::ErrorKind) -> bool {
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    matches!(kind, StorageFull | QuotaExceeded | FileTooLarge)
 }

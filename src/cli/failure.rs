@@ -84,6 +84,11 @@ impl Failure {
         self
     }
 
+    /// Whether a hint holds a word.
+    pub(super) fn hints_at(&self, word: &str) -> bool {
+        self.hints.iter().any(|hint| hint.contains(word))
+    }
+
     /// 1: failed; 2: usage; 3: the scene or input file cannot be read or is invalid; 4: a check did not hold; 5: some files of a sequence are done,
     /// the others can be made by another run; 130: interrupted.
     pub fn exit_code(&self) -> u8 {

@@ -4,13 +4,15 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGABRT, SIGINT, SIGTERM};
 
 use super::Failure;
 use crate::volume::{Encode, Sink};
 
 /// Exit code after a signal.
 const EXIT_CODE: i32 = 130;
+/// Exit code where even a small piece of memory cannot be had.
+const FAILED: i32 = 1;
 
 /// Signals to stop. While nothing needs to be cleared away they end the program at once; after
 /// [`hold`](Interrupt::hold) they are only noted.
@@ -50,6 +52,14 @@ impl Interrupt {
     pub(super) fn check(&self) -> Result<(), Failure> {
         if self.is_noted() { Err(Failure::interrupted()) } else { Ok(()) }
     }
+}
+
+/// Lets the process end with an exit code where it would abort: where the system refuses a small piece of memory, after
+/// saying so on standard error. Large pieces are asked for in a way that can be refused.
+pub(super) fn fail_without_memory() {
+    // Where there is no such signal the process aborts.
+    let _ =
+        signal_hook::flag::register_conditional_shutdown(SIGABRT, FAILED, Arc::new(AtomicBool::new(true)));
 }
 
 /// Lets a write beyond the limit of a file's size fail with an error, like one to a full disk; unheard, the signal would

@@ -113,7 +113,7 @@ impl SceneOptions {
 
     /// Memory to work in.
     pub(super) fn budget(&self) -> Amount {
-        self.memory.unwrap_or_else(Amount::installed)
+        Amount::settle(self.memory)
     }
 }
 

@@ -2,20 +2,67 @@
 
 use std::fs;
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use cpu_time::ThreadTime;
 
 /// Memory taken for granted where the system does not tell.
 const UNKNOWN: u64 = 4 << 30;
+/// Bytes that each thread reserves: for its stack, with what guards it, and for what the allocator keeps apart for it.
+const STACK: u64 = (2 << 20) + (64 << 10);
+const HEAP: u64 = 64 << 20;
+/// Bytes that are free before threads are begun, or nothing is.
+const BEGINNING: usize = 4 << 20;
 /// MiB that are written to learn how fast a disk is.
 const TRIAL: usize = 32;
 
 /// Three quarters of the memory that this process may use, in bytes.
 pub(super) fn default_budget() -> u64 {
     let installed = field_in_kib("/proc/meminfo", "MemTotal:").unwrap_or(UNKNOWN);
-    installed.min(group_limit().unwrap_or(u64::MAX)) / 4 * 3
+    let limits = [group_limit(), process_limit()].into_iter().flatten();
+    limits.fold(installed, u64::min) / 4 * 3
+}
+
+/// Threads to work with: one for each processor, or fewer where the address space is limited so much that they would reserve
+/// half of it.
+pub(super) fn threads() -> usize {
+    let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let space = fs::read_to_string("/proc/self/limits").ok();
+    let space = space.and_then(|limits| soft_limit(&limits, "Max address space")).unwrap_or(u64::MAX);
+    processors.min(usize::try_from(space / 2 / (STACK + HEAP)).unwrap_or(usize::MAX)).max(1)
+}
+
+/// Whether the system has the memory that so many threads take to begin with, of which this is one.
+pub(super) fn is_room_for(threads: usize) -> bool {
+    let stacks = usize::try_from(STACK).ok().and_then(|stack| stack.checked_mul(threads));
+    let bytes = stacks.and_then(|stacks| stacks.checked_add(BEGINNING));
+    bytes.is_some_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
+}
+
+/// As `/proc/self/limits` has it, in bytes; `None` where it is unlimited.
+fn soft_limit(limits: &str, name: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix(name))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// Bytes that this process may use where the system limits its address space or data (`ulimit -v`, `ulimit -d`); `None`
+/// where it does not, or does not tell. Found out once, best when all threads run: stacks and allocators reserve more than
+/// they use, and that counts, too.
+pub(super) fn process_limit() -> Option<u64> {
+    static LIMIT: OnceLock<Option<u64>> = OnceLock::new();
+    *LIMIT.get_or_init(|| {
+        let limits = fs::read_to_string("/proc/self/limits").ok()?;
+        let left = |name: &str, reserved: &str, used: &str| {
+            let limit = soft_limit(&limits, name)?;
+            let [reserved, used] = [reserved, used].map(|name| field_in_kib("/proc/self/status", name));
+            Some(limit.saturating_sub(reserved?.saturating_sub(used?)))
+        };
+        let space = left("Max address space", "VmSize:", "VmRSS:");
+        space.into_iter().chain(left("Max data size", "VmData:", "RssAnon:")).min()
+    })
 }
 
 /// Largest resident size of this process so far, in bytes; `None` where the system does not tell.

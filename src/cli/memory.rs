@@ -35,9 +35,15 @@ pub(super) struct Amount {
 }
 
 impl Amount {
-    /// Three quarters of what the machine has.
+    /// Three quarters of what the machine has, or the system lets this process have of it.
     pub(super) fn installed() -> Amount {
         Amount { bytes: machine::default_budget(), decimal: false }
+    }
+
+    /// What is given, but no more than the system lets this process have; three quarters of that where nothing is.
+    pub(super) fn settle(given: Option<Amount>) -> Amount {
+        let Some(given) = given else { return Amount::installed() };
+        Amount { bytes: given.bytes.min(machine::process_limit().unwrap_or(u64::MAX)), ..given }
     }
 
     pub(super) fn bytes(self) -> u64 {

@@ -99,7 +99,8 @@ impl Cli {
     /// What went wrong, to be reported; where it is returned, no output file was made or changed but those of a sequence's
     /// first frames.
     pub fn run(self) -> Result<(), Failure> {
-        match &self.command {
+        interrupt::fail_without_memory();
+        let done = match &self.command {
             Command::Bake(arguments) => bake::run(arguments, &self.global),
             Command::Plan(arguments) => plan::run(arguments, &self.global),
             Command::Render(arguments) => render::run(arguments, &self.global),
@@ -111,7 +112,14 @@ impl Cli {
             Command::Report(arguments) => report::run(arguments, &self.global),
             Command::Check(arguments) => check::run(arguments, &self.global),
             Command::Verify(arguments) => verify::run(arguments, &self.global),
-        }
+        };
+        done.map_err(|failure| match machine::process_limit() {
+            Some(limit) if failure.hints_at("--memory") => failure.hint(format!(
+                "the system lets this process have no more than {}: raise that limit (ulimit -v, ulimit -d), too, or take fewer --threads, each of which reserves some of it",
+                text::bytes(limit)
+            )),
+            _ => failure,
+        })
     }
 }
 
@@ -173,13 +181,26 @@ impl Global {
     fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
         let threads = match self.threads {
             Some(threads) => threads.get(),
-            None => std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
+            None => machine::threads(),
         };
-        rayon::ThreadPoolBuilder::new()
+        let failed = |error: String| {
+            Failure::failed(format!("cannot start {}", text::number(threads as u64, "thread")))
+                .because(error)
+                .hint("fewer --threads take less memory")
+        };
+        // One that finds no memory in its first moments cannot tell of it.
+        if !machine::is_room_for(threads) {
+            return Err(failed("the system lets this process have too little memory".to_owned()));
+        }
+        let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .use_current_thread()
             .build()
-            .map_err(|error| Failure::failed(format!("cannot start {threads} threads")).because(error))
+            .map_err(|error| failed(error.to_string()))?;
+        // Each reserves memory when it takes the first. After that what is left is known.
+        pool.broadcast(|_| drop(std::hint::black_box(vec![0_u8; 1 << 10])));
+        machine::process_limit();
+        Ok(pool)
     }
 }
 

@@ -108,8 +108,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 
 /// Refuses places where nothing can be written, before anything is measured.
 fn check(form: Form, output: &Path) -> Result<(), Failure> {
-    // Made and dropped: only that tells whether a file may be made in a folder.
-    Output::create(output)?;
+    Output::check(output)?;
     if form == Form::Html {
         Output::check(&output.with_extension("json"))?;
         Output::check(&output.with_extension("csv"))?;

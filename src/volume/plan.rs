@@ -38,7 +38,7 @@ pub struct Plan {
 /// Why there is no plan.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum PlanError {
-    /// The plan itself would not fit the memory.
+    /// The plan itself would not fit the memory, or the system has less to give.
     #[error("about {bricks:.3e} bricks of 8^3 voxels are too many to plan")]
     TooMany {
         /// About how many, each counted once for every piece of an axis that reaches it.
@@ -153,10 +153,14 @@ impl Plan {
         if !fits(finding + places) || !countable {
             return Err(too_many);
         }
-        let mut contacts =
-            find_contacts(field, lattice, &cover, [extent, reach], has_edges, &counts, |block| {
-                contact_of(file_order(block, root), &nodes)
-            });
+        // Less than the budget may be left of what the system lets the process have.
+        let mut contacts = Vec::new();
+        contacts.try_reserve_exact(count).map_err(|_| too_many)?;
+        contacts.resize(count, 0);
+        let parts = split(&mut contacts, &counts);
+        find_contacts(field, lattice, &cover, [extent, reach], has_edges, parts, |block| {
+            contact_of(file_order(block, root), &nodes)
+        });
         drop(counts);
         contacts.par_sort_unstable();
 
@@ -174,11 +178,15 @@ impl Plan {
             extent,
             root,
             cover: Arc::new(cover),
-            bricks: Vec::with_capacity(bricks),
-            candidates: Vec::with_capacity(candidates),
-            edges: Vec::with_capacity(if has_edges { bricks } else { 0 }),
+            bricks: Vec::new(),
+            candidates: Vec::new(),
+            edges: Vec::new(),
             making: finding + places.max(held),
         };
+        let room = plan.bricks.try_reserve_exact(bricks);
+        let room = room.and_then(|()| plan.candidates.try_reserve_exact(candidates));
+        let room = room.and_then(|()| plan.edges.try_reserve_exact(if has_edges { bricks } else { 0 }));
+        room.map_err(|_| too_many)?;
         each_brick(&contacts, |brick, crossed, needed| {
             let [node, low] = [brick >> IN_NODE, brick & ((1 << IN_NODE) - 1)];
             #[allow(clippy::cast_possible_truncation, reason = "less than 2^26 nodes, and 2^32 candidates")]
@@ -357,24 +365,27 @@ impl Census {
     }
 }
 
-/// The contacts of all capsules, of which there are so many of each. `contact` makes the brick's part of one.
+/// The part of each capsule, which has so many contacts.
+fn split<'a>(mut rest: &'a mut [Contact], counts: &[usize]) -> Vec<&'a mut [Contact]> {
+    let mut places = Vec::with_capacity(counts.len());
+    for &count in counts {
+        let (place, behind) = rest.split_at_mut(count);
+        places.push(place);
+        rest = behind;
+    }
+    places
+}
+
+/// Puts the contacts of all capsules into their places. `contact` makes the brick's part of one.
 fn find_contacts(
     field: &Field,
     lattice: Lattice,
     cover: &[Capsule],
     [extent, reach]: [Extent; 2],
     has_edges: bool,
-    counts: &[usize],
+    places: Vec<&mut [Contact]>,
     contact: impl Fn([i64; 3]) -> Contact + Sync,
-) -> Vec<Contact> {
-    let mut contacts: Vec<Contact> = vec![0; counts.iter().sum()];
-    let mut rest = &mut contacts[..];
-    let mut places = Vec::with_capacity(cover.len());
-    for &count in counts {
-        let (place, behind) = rest.split_at_mut(count);
-        places.push(place);
-        rest = behind;
-    }
+) {
     places.into_par_iter().zip(cover).enumerate().for_each(|(number, (place, capsule))| {
         let number = number as u64;
         let edges = if has_edges { field.edges(capsule, lattice) } else { None };
@@ -393,7 +404,6 @@ fn find_contacts(
             }
         });
     });
-    contacts
 }
 
 /// The brick's part of a contact. `nodes` are the keys of all lower nodes, sorted.

@@ -12,7 +12,7 @@ use crate::support::FORMS;
 
 /// Voxels along the longest side: enough for encoded leaves to be several times what all else takes.
 const RESOLUTION: &str = "800";
-const NONE: &str = "--compression=none";
+pub(crate) const NONE: &str = "--compression=none";
 
 fn galaxy() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/galaxy.toml")
@@ -23,7 +23,7 @@ fn command(folder: &Folder, command: &str, options: &[&str]) -> Command {
     command_at(RESOLUTION, folder, command, options)
 }
 
-fn command_at(resolution: &str, folder: &Folder, command: &str, options: &[&str]) -> Command {
+pub(crate) fn command_at(resolution: &str, folder: &Folder, command: &str, options: &[&str]) -> Command {
     let mut vdbake = folder.command(&[command]);
     vdbake.arg(galaxy()).args(["--resolution", resolution, "--json", "--quiet"]).args(options);
     vdbake
@@ -213,6 +213,18 @@ fn assert_intact(folder: &Folder) {
     assert_eq!(folder.get("galaxy.vdb"), b"an earlier file");
 }
 
+/// A command as it is, after a shell has set a limit.
+#[cfg(unix)]
+pub(crate) fn limited(limit: &str, command: &Command) -> Command {
+    let mut shell = Command::new("bash");
+    shell.args(["-c", &format!("{limit}; exec \"$@\""), "bash"]);
+    shell.arg(command.get_program()).args(command.get_args()).stdin(Stdio::null());
+    if let Some(folder) = command.get_current_dir() {
+        shell.current_dir(folder);
+    }
+    shell
+}
+
 /// As on a full disk: no file may grow beyond a few MiB.
 #[cfg(unix)]
 #[test]
@@ -221,10 +233,7 @@ fn a_full_spool_leaves_the_older_file() {
     folder.put("galaxy.vdb", "an earlier file");
     let cap = least(&folder, &[NONE]).to_string();
     let bake = command(&folder, "bake", &[NONE, "--memory", &cap]);
-    let mut shell = Command::new("bash");
-    shell.current_dir(folder.path("")).args(["-c", "ulimit -f 4096; exec \"$@\"", "bash"]);
-    shell.arg(bake.get_program()).args(bake.get_args());
-    let output = shell.output().expect("bash starts");
+    let output = limited("ulimit -f 4096", &bake).output().expect("bash starts");
     let message = errors(&output);
     assert_eq!(code(&output), 1, "{message}");
     assert!(message.contains("spool") && message.contains("-o") && message.contains("--memory"), "{message}");
@@ -281,6 +290,9 @@ fn a_kill_leaves_the_older_file() {
     let others: Vec<&String> = made.iter().filter(|name| *name != "galaxy.vdb").collect();
     assert!(matches!(others[..], [other] if other.starts_with(".galaxy.vdb-")), "{others:?}");
     assert_eq!(folder.get(others[0]), b"", "the file is put together at the end");
+    // The next bake clears it away.
+    let output = command_at("32", &folder, "bake", &[]).output().expect("the program starts");
+    assert_eq!((code(&output), folder.made()), (0, vec!["galaxy.vdb".to_owned()]), "{}", errors(&output));
 }
 
 /// More than a billion active voxels within 1 GiB.
@@ -304,20 +316,26 @@ fn a_billion_voxels_within_a_gibibyte() {
     }
 }
 
-/// On a disk of 16 MiB, which takes leave to mount one.
+/// Runs a shell's script where the folder `small` is a disk of its own of this size, on which an earlier file has this name.
+/// Arguments of the command are the script's. It takes leave to mount.
+#[cfg(target_os = "linux")]
+pub(crate) fn on_small_disk(folder: &Folder, size: &str, older: &str, script: &str) -> Command {
+    let small = folder.path("small");
+    if !small.exists() {
+        fs::create_dir(small).expect("a folder");
+    }
+    let script =
+        format!("mount -t tmpfs -o size={size} tmpfs small && echo older > small/{older} && {script}");
+    let mut unshare = Command::new("unshare");
+    unshare.current_dir(folder.path("")).args(["--map-root-user", "--mount", "sh", "-c", &script, "sh"]);
+    unshare
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_bake_without_room_on_the_disk_is_not_begun() {
     let folder = Folder::new();
-    let small = folder.path("small");
-    fs::create_dir(&small).expect("a folder");
-    let within = |script: &str| {
-        let mount =
-            format!("mount -t tmpfs -o size=16m tmpfs small && echo older > small/out.vdb && {script}");
-        let mut unshare = Command::new("unshare");
-        unshare.current_dir(folder.path("")).args(["--map-root-user", "--mount", "sh", "-c", &mount, "sh"]);
-        unshare
-    };
+    let within = |script: &str| on_small_disk(&folder, "16m", "out.vdb", script);
     let mounted = within("true").output().expect("unshare starts");
     assert!(mounted.status.success(), "no leave to mount a small disk: {}", errors(&mounted));
     // The file alone has no room, with a spool and without; the file alone has, but not beside the spool.

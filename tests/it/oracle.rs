@@ -24,6 +24,16 @@ pub(crate) fn openvdb(file: &Path) -> Result<Verdict, String> {
     verdict(script(&mut command, "openvdb_dump.py"), file)
 }
 
+/// OpenVDB's own library, of many files.
+pub(crate) fn openvdb_all(files: &[PathBuf]) -> Result<Vec<Verdict>, String> {
+    let mut command = judge("VDBAKE_OPENVDB_PYTHON");
+    let output = run(script(&mut command, "openvdb_values.py").args(files))?;
+    let reports: Vec<Value> =
+        serde_json::from_slice(&output.stdout).map_err(|error| format!("{error}: {}", stdout(&output)))?;
+    let values = |file: &PathBuf| voxels(Path::new(&format!("{}.values", file.display())));
+    Ok(files.iter().zip(reports).map(|(file, report)| Verdict { report, voxels: values(file) }).collect())
+}
+
 /// Blender, and the OpenVDB that it carries. `samples` of the report holds its values at `points` of the world.
 pub(crate) fn blender(file: &Path, points: &[[f64; 3]]) -> Result<Verdict, String> {
     let list = file.with_extension("points.json");
@@ -164,11 +174,15 @@ fn verdict(command: &mut Command, file: &Path) -> Result<Verdict, String> {
     let output = run(command.arg(file).arg("--values").arg(&values))?;
     let report =
         serde_json::from_slice(&output.stdout).map_err(|error| format!("{error}: {}", stdout(&output)))?;
-    let bytes = fs::read(values).expect("the values that the script wrote");
+    Ok(Verdict { report, voxels: voxels(&values) })
+}
+
+/// The voxels that a script wrote.
+fn voxels(path: &Path) -> Vec<Voxel> {
+    let bytes = fs::read(path).expect("the values that the script wrote");
     let (records, rest) = bytes.as_chunks::<16>();
     assert!(rest.is_empty());
-    let voxels = records.iter().map(|record| voxel(record.as_chunks::<4>().0)).collect();
-    Ok(Verdict { report, voxels })
+    records.iter().map(|record| voxel(record.as_chunks::<4>().0)).collect()
 }
 
 fn voxel(words: &[[u8; 4]]) -> Voxel {

@@ -471,7 +471,7 @@ fn wrong_arguments_are_2_and_wrong_input_is_3() {
         (3, &["cone.toml", "--points", "wrong.csv", "-o", "out.csv"], "wrong.csv: line 3: "),
         (3, &["cone.toml", "--points", "wrong.npy", "-o", "out.npy"], "not an .npy file"),
         (3, &["cone.toml", "--points", "pairs.npy"], "(N, 3)"),
-        (3, &["baked.vdb", "--points", "-", "--memory", "1kB"], "memory"),
+        (1, &["baked.vdb", "--points", "-", "--memory", "1kB"], "memory"),
         (1, &["cone.toml", "--points", "-", "--memory", "1kB"], "voxel"),
         (1, &["cone.toml", "--points", "-", "-o", "nowhere/out.npy"], "nowhere"),
     ] {

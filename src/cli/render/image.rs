@@ -1,13 +1,13 @@
 //! Pictures as files.
 
-use std::io::{self, BufWriter, Cursor, Write};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use crate::cli::Failure;
-use crate::cli::interrupt::{Interrupt, Watched};
-use crate::cli::output::{ImageForm, Output};
+use crate::cli::interrupt::Interrupt;
+use crate::cli::output::{ImageForm, save};
 use crate::formats::exr::{self, Part, Samples};
 use crate::formats::png;
 use crate::march::Film;
@@ -37,9 +37,6 @@ impl Target {
         exposure: Option<f64>,
         interrupt: &Interrupt,
     ) -> Result<Option<f64>, Failure> {
-        let failed = |error: io::Error| {
-            Failure::failed(format!("cannot write {}", self.path.display())).because(error)
-        };
         let developed = film.develop(background);
         let mut bytes = Cursor::new(Vec::new());
         let mut exposed = None;
@@ -56,16 +53,7 @@ impl Target {
                 })?;
             }
         }
-        let output = Output::create(&self.path)?;
-        let write = || {
-            let mut out = BufWriter::new(Watched { inner: output.file(), interrupt });
-            out.write_all(bytes.get_ref())?;
-            out.flush()?;
-            output.sync()
-        };
-        write().map_err(failed).or_else(|failure| interrupt.check().and(Err(failure)))?;
-        interrupt.check()?;
-        output.publish().map_err(failed)?;
+        save(&self.path, bytes.get_ref(), interrupt)?;
         Ok(exposed)
     }
 }

@@ -4,7 +4,6 @@ mod points;
 mod values;
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -12,9 +11,9 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::grids::{Choice, choose};
-use super::interrupt::{Interrupt, Watched};
+use super::interrupt::Interrupt;
 use super::job::{Compiled, SceneOptions, Source};
-use super::output::Output;
+use super::output::{Output, save_with};
 use super::{Failure, Global, info, memory, print, text};
 use crate::formats::npy;
 use crate::formats::vdb::{PartialGrid, VdbFile, VdbReadError};
@@ -117,6 +116,9 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     check(arguments, is_file)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
+    if let Some(path) = &arguments.output {
+        Output::check(path)?;
+    }
     let points = points::read(&arguments.points)?;
     let found =
         pool.install(|| if is_file { of_file(arguments, &points) } else { of_scene(arguments, &points) })?;
@@ -128,7 +130,6 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         ));
     }
     if let (Some(path), Some(form)) = (&arguments.output, form) {
-        interrupt.hold();
         write(path, form, &points, &found.samples, &interrupt)?;
     }
     let report = Report {
@@ -214,7 +215,12 @@ pub(super) fn unplanned(error: PlanError) -> Failure {
 
 fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let name = arguments.file.display();
-    let failed = |error: VdbReadError| Failure::input(format!("cannot read {name}")).because(error);
+    let failed = |error: VdbReadError| match error {
+        VdbReadError::Memory { .. } => {
+            Failure::failed(format!("cannot read {name}")).because(error).hint("allow more with --memory")
+        }
+        error => Failure::input(format!("cannot read {name}")).because(error),
+    };
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let mut file = VdbFile::open_within(file, arguments.scene.budget().bytes()).map_err(failed)?;
@@ -262,19 +268,8 @@ fn write(
     samples: &Samples,
     interrupt: &Interrupt,
 ) -> Result<(), Failure> {
-    let output = Output::create(path)?;
-    let failed =
-        |error: io::Error| Failure::failed(format!("cannot write {}", path.display())).because(error);
-    let write = || {
-        let mut out = BufWriter::new(Watched { inner: output.file(), interrupt });
-        match form {
-            Form::Csv => samples.write_csv(points, &mut out)?,
-            Form::Npy => npy::write(&mut out, samples.array())?,
-        }
-        out.flush()?;
-        output.sync()
-    };
-    write().map_err(failed).or_else(|failure| interrupt.check().and(Err(failure)))?;
-    interrupt.check()?;
-    output.publish().map_err(failed)
+    save_with(path, interrupt, |mut out| match form {
+        Form::Csv => samples.write_csv(points, &mut out),
+        Form::Npy => npy::write(&mut out, samples.array()),
+    })
 }

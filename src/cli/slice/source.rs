@@ -211,12 +211,12 @@ fn slicing(axis: Axis, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
 }
 
 fn unread(path: &Path, error: VdbReadError) -> Failure {
-    let failure = Failure::input(format!("cannot read {}", path.display()));
+    let message = format!("cannot read {}", path.display());
     match error {
-        VdbReadError::Memory { needed, .. } => failure
+        VdbReadError::Memory { needed, .. } => Failure::failed(message)
             .because(error)
             .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(PROCESS)))),
-        error => failure.because(error),
+        error => Failure::input(message).because(error),
     }
 }
 

@@ -12,7 +12,7 @@ use super::{Arguments, picture};
 use crate::cli::Failure;
 use crate::cli::frames::Pattern;
 use crate::cli::interrupt::Interrupt;
-use crate::cli::output::{ImageForm, save};
+use crate::cli::output::{ImageForm, Output, save};
 use crate::formats::exr::{self, Part, Samples};
 use crate::formats::png;
 use crate::volume::Slicing;
@@ -91,6 +91,12 @@ impl Target {
             (false, ImageForm::Exr) if !arguments.atlas => Layout::Parts,
             (false, _) => Layout::Atlas,
         };
+        // Not of files that may be many, whose folder is the same.
+        let first = match &layout {
+            Layout::Sequence(pattern) => pattern.path(0),
+            Layout::Parts | Layout::Atlas => path.clone(),
+        };
+        Output::check(&first)?;
         Ok(Target { path, layout, form, about: None, held: Vec::new(), written: Vec::new() })
     }
 

@@ -125,7 +125,8 @@ impl<T: Voxel> VdbGridBuilder<T> {
         Self { buffers: Buffers::with_spool(memory, Box::new(spool)), ..self }
     }
 
-    /// Makes room for so many leaves, so that memory is taken once; only what is used of it counts as resident.
+    /// Makes room for so many leaves, as far as the system has it, so that memory is taken once; only what is used of it
+    /// counts as resident.
     #[must_use]
     pub fn with_room(mut self, leaves: usize) -> Self {
         self.topology.reserve(leaves);
@@ -155,7 +156,8 @@ impl<T: Voxel> VdbGridBuilder<T> {
     /// # Errors
     /// [`VdbWriteError::Misaligned`] and [`VdbWriteError::Order`], see [`Topology::push_leaf`]; the grid is then of no
     /// further use. [`VdbWriteError::Encoder`] where a brick of the run was encoded with another encoder than this
-    /// grid's; the grid is then as it was. [`VdbWriteError::Spool`] where the spool fails.
+    /// grid's; the grid is then as it was. [`VdbWriteError::Spool`] where the spool fails, [`VdbWriteError::Memory`] where
+    /// the system has no more.
     pub fn append(&mut self, run: &EncodedBricks<T>) -> Result<(), VdbWriteError> {
         match run.encoder {
             Encoding::None => {}

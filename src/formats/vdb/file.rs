@@ -20,6 +20,12 @@ pub enum VdbWriteError {
     /// The spool failed: it took no more, or did not give back what was put there.
     #[error("cannot use the spool for encoded leaves")]
     Spool(#[source] io::Error),
+    /// The system has no more memory for the grid.
+    #[error("the system has no more memory for it beyond the {bytes} bytes that one of its lists holds")]
+    Memory {
+        /// Bytes of the list that had no room.
+        bytes: u64,
+    },
     /// A brick's origin is not a multiple of 8.
     #[error("brick at {origin:?}: origins are multiples of 8")]
     Misaligned {

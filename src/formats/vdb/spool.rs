@@ -67,11 +67,22 @@ impl Buffers {
         Buffers { spool, ..Buffers::default() }
     }
 
-    /// Makes room for so many bytes, as far as they stay in memory.
+    /// Makes room for so many bytes, as far as they stay in memory and the system has it.
     pub(super) fn reserve(&mut self, bytes: u64) {
         let pieces = usize::try_from(bytes.div_ceil(PIECE as u64)).unwrap_or(usize::MAX);
         let pieces = self.spool.as_ref().map_or(pieces, |spooled| pieces.min(spooled.pieces));
-        self.spare.resize_with(pieces.saturating_sub(self.pieces.len()), || Vec::with_capacity(PIECE));
+        for _ in self.spare.len()..pieces.saturating_sub(self.pieces.len()) {
+            let Ok(piece) = self.piece() else { break };
+            self.spare.push(piece);
+        }
+    }
+
+    /// Memory for a piece.
+    fn piece(&self) -> Result<Vec<u8>, VdbWriteError> {
+        let mut piece = Vec::new();
+        let held = (self.pieces.len() * PIECE) as u64;
+        piece.try_reserve_exact(PIECE).map_err(|_| VdbWriteError::Memory { bytes: held })?;
+        Ok(piece)
     }
 
     pub(super) fn push(&mut self, mut bytes: &[u8]) -> Result<(), VdbWriteError> {
@@ -98,7 +109,10 @@ impl Buffers {
                 spooled.sum.update(last);
                 last.clear();
             }
-            _ => self.pieces.push(self.spare.pop().unwrap_or_else(|| Vec::with_capacity(PIECE))),
+            _ => {
+                let piece = self.spare.pop().map_or_else(|| self.piece(), Ok)?;
+                self.pieces.push(piece);
+            }
         }
         Ok(())
     }

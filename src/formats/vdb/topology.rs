@@ -26,6 +26,12 @@ pub fn file_order(origin: [i32; 3]) -> u128 {
     key
 }
 
+/// Makes room for one more.
+fn room<T>(list: &mut Vec<T>) -> Result<(), VdbWriteError> {
+    let bytes = (list.len() * size_of::<T>()) as u64;
+    list.try_reserve(1).map_err(|_| VdbWriteError::Memory { bytes })
+}
+
 /// Leaves and tiles in file order.
 #[derive(Debug, Clone)]
 pub struct Topology<T = f32> {
@@ -45,9 +51,10 @@ impl<T: Voxel> Topology<T> {
     ///
     /// # Errors
     /// [`VdbWriteError::Misaligned`] where the origin is not a multiple of the edge, [`VdbWriteError::Order`] where it
-    /// does not come after what was added last.
+    /// does not come after what was added last, [`VdbWriteError::Memory`] where the system has none for it.
     pub fn push_leaf(&mut self, leaf: Leaf) -> Result<(), VdbWriteError> {
         self.advance(leaf.origin, LOG2_EDGE[0])?;
+        room(&mut self.leaves)?;
         self.leaves.push(leaf);
         Ok(())
     }
@@ -62,6 +69,7 @@ impl<T: Voxel> Topology<T> {
             return Err(VdbWriteError::Misaligned { origin: tile.origin });
         }
         self.advance(tile.origin, tile.log2_edge)?;
+        room(&mut self.tiles)?;
         self.tiles.push(tile);
         for [child, parent] in [[LOG2_EDGE[0], LOG2_EDGE[1]], [LOG2_EDGE[1], LOG2_EDGE[2]]] {
             let Some(first) = self.tiles.len().checked_sub(1 << (3 * (parent - child))) else { break };
@@ -92,9 +100,10 @@ impl<T: Voxel> Topology<T> {
         Ok(())
     }
 
-    /// Makes room for so many more leaves, and no more.
+    /// Makes room for so many more leaves, and no more; none where the system has not so much memory.
     pub fn reserve(&mut self, leaves: usize) {
-        self.leaves.reserve_exact(leaves);
+        // Whether it is missed will show: room is made again for each leaf that has none.
+        let _ = self.leaves.try_reserve_exact(leaves);
     }
 
     /// Bytes that leaves take, in lists that have room for just these, and nodes above them while a file is written.
