@@ -525,11 +525,11 @@ pub(super) fn sampling_errors(scene: &Scene) -> Vec<SamplingError> {
 
 /// Reads a file that a scene names.
 fn read_input(path: &Path) -> io::Result<Vec<u8>> {
-    let file = File::open(path)?;
-    // Devices and the like have no end.
-    if !file.metadata()?.is_file() {
+    // Devices and the like have no end, and a pipe may never begin.
+    if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::other("it is no file"));
     }
+    let file = File::open(path)?;
     let mut bytes = Vec::new();
     file.take(MOST_INPUT + 1).read_to_end(&mut bytes)?;
     Ok(bytes)

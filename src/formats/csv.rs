@@ -1,5 +1,18 @@
 //! Points as text: `x,y,z` a line.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 use std::io::{self, BufRead, Read};
 
 use thiserror::Error;
@@ -56,7 +69,10 @@ pub fn read_points(input: &mut impl BufRead) -> Result<Vec<[f64; 3]>, CsvError> 
         let may_be_header = std::mem::take(&mut header_may_follow);
         let fields: Vec<Option<f64>> = text.split(',').map(|field| field.trim().parse().ok()).collect();
         match fields.as_slice() {
-            [Some(x), Some(y), Some(z)] => points.push([*x, *y, *z]),
+            [Some(x), Some(y), Some(z)] => {
+                points.try_reserve(1).map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
+                points.push([*x, *y, *z]);
+            }
             [None, None, None] if may_be_header => {}
             _ => return Err(fault(shown(text))),
         }

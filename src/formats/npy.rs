@@ -2,6 +2,19 @@
 //!
 //! Read: versions 1.0 to 3.0, `f4` and `f8` of either byte order, in C order. Written: version 1.0, little-endian.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 use std::io::{self, Read, Write};
 
 use thiserror::Error;
@@ -129,9 +142,11 @@ pub fn write(out: &mut impl Write, array: &Array) -> io::Result<()> {
     // A tuple of one needs its comma, and others do not have it.
     let shape = if array.shape.len() == 1 { shape.trim_end() } else { shape.trim_end_matches(", ") };
     let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
-    let before = MAGIC.len() + 4;
-    let padding = (before + header.len() + 1).next_multiple_of(ALIGNMENT) - (before + header.len() + 1);
-    header.extend(std::iter::repeat_n(' ', padding));
+    // What comes before the header, and its own last byte.
+    let beside = MAGIC.len().saturating_add(5);
+    let whole = header.len().saturating_add(beside).next_multiple_of(ALIGNMENT);
+    let width = whole.saturating_sub(beside);
+    header.extend(std::iter::repeat_n(' ', width.saturating_sub(header.len())));
     header.push('\n');
     let length = u16::try_from(header.len())
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "the shape has too many axes"))?;
@@ -160,18 +175,19 @@ fn elements<T, const N: usize>(
 ) -> Result<Vec<T>, NpyError> {
     let bytes = count.checked_mul(N as u64).ok_or(NpyError::Header("the shape has too many elements"))?;
     let mut values = Vec::new();
-    let mut found = 0;
+    let mut found = 0_u64;
     let mut chunk = Vec::with_capacity(CHUNK);
     while found < bytes {
         chunk.clear();
         // Whole elements, because a chunk's size is a multiple of theirs.
-        let read = input.take((bytes - found).min(CHUNK as u64)).read_to_end(&mut chunk)? as u64;
-        found += read;
+        let read = input.take(bytes.saturating_sub(found).min(CHUNK as u64)).read_to_end(&mut chunk)? as u64;
+        found = found.saturating_add(read);
         if read < CHUNK as u64 && found < bytes {
             return Err(NpyError::Truncated { found, expected: bytes });
         }
-        values.try_reserve(chunk.len() / N).map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
-        values.extend(chunk.as_chunks().0.iter().map(|bytes| decode(*bytes)));
+        let (numbers, _) = chunk.as_chunks();
+        values.try_reserve(numbers.len()).map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
+        values.extend(numbers.iter().map(|bytes| decode(*bytes)));
     }
     Ok(values)
 }
@@ -268,7 +284,7 @@ impl<'a> Text<'a> {
         self.expect('(')?;
         while !self.skip(')') {
             self.0 = self.0.trim_start();
-            let digits = self.0.len() - self.0.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+            let digits = self.0.find(|c: char| !c.is_ascii_digit()).unwrap_or(self.0.len());
             let (number, rest) = self.0.split_at(digits);
             shape.push(
                 number.parse().map_err(|_| NpyError::Header("the shape is no tuple of whole numbers"))?,

@@ -1,6 +1,20 @@
 //! PNG pictures, by the `png` crate: written with eight bits a channel, read with any number of them.
 
-use std::io::{BufRead, Seek, SeekFrom, Write};
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
+use std::io::{self, BufRead, Seek, SeekFrom, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use png::{BitDepth, ColorType, Limits, Transformations};
 
@@ -64,7 +78,7 @@ pub enum PngReadError {
     Invalid(#[from] png::DecodingError),
     /// The input failed.
     #[error(transparent)]
-    Io(#[from] std::io::Error),
+    Io(#[from] io::Error),
     /// The pixels that the header announces cannot all be in the file.
     #[error("a damaged PNG picture: {length} bytes cannot hold {announced} bytes of pixels")]
     Announced {
@@ -81,6 +95,9 @@ pub enum PngReadError {
         /// Bytes that it may take.
         limit: u64,
     },
+    /// Beyond what the decoder can do without harm.
+    #[error("a damaged PNG picture")]
+    Damaged,
 }
 
 /// Reads a picture of any kind of PNG; of a moving one the first. Colour profiles and gamma are not looked at: all are taken
@@ -92,7 +109,12 @@ pub enum PngReadError {
 /// # Errors
 ///
 /// [`PngReadError`], for any input.
-pub fn read(mut input: impl BufRead + Seek, memory_limit: u64) -> Result<Picture, PngReadError> {
+pub fn read(input: impl BufRead + Seek, memory_limit: u64) -> Result<Picture, PngReadError> {
+    // The decoder is made to fail and not to panic on damaged files, which is not proven.
+    catch_unwind(AssertUnwindSafe(|| decode(input, memory_limit))).unwrap_or(Err(PngReadError::Damaged))
+}
+
+fn decode(mut input: impl BufRead + Seek, memory_limit: u64) -> Result<Picture, PngReadError> {
     let length = input.seek(SeekFrom::End(0))?;
     input.rewind()?;
     let bytes = usize::try_from(memory_limit).unwrap_or(usize::MAX);
@@ -101,6 +123,10 @@ pub fn read(mut input: impl BufRead + Seek, memory_limit: u64) -> Result<Picture
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
     let mut reader = decoder.read_info()?;
+    // The decoder takes three bytes for the last colour, however many are left.
+    if reader.info().palette.as_ref().is_some_and(|palette| !palette.len().is_multiple_of(3)) {
+        return Err(PngReadError::Damaged);
+    }
     let announced = reader.output_buffer_size().map_or(u64::MAX, |bytes| bytes as u64);
     if announced > length.saturating_mul(MOST) {
         return Err(PngReadError::Announced { length, announced });
@@ -110,7 +136,8 @@ pub fn read(mut input: impl BufRead + Seek, memory_limit: u64) -> Result<Picture
     if needed > memory_limit {
         return Err(PngReadError::Memory { needed, limit: memory_limit });
     }
-    let mut codes = vec![0; usize::try_from(announced).unwrap_or(0)];
+    let mut codes = list(usize::try_from(announced).unwrap_or(usize::MAX))?;
+    codes.resize(codes.capacity(), 0);
     let frame = reader.next_frame(&mut codes)?;
     codes.truncate(frame.buffer_size());
     let names: &[&'static str] = match frame.color_type {
@@ -121,20 +148,28 @@ pub fn read(mut input: impl BufRead + Seek, memory_limit: u64) -> Result<Picture
     };
     let count = names.len();
     let wide = frame.bit_depth == BitDepth::Sixteen;
-    let channel = |part: usize| -> Vec<f32> {
+    let channel = |(part, name): (usize, &&'static str)| {
+        let mut values: Vec<f32> = list(codes.len().div_ceil(count))?;
         if wide {
-            let pixels = codes.chunks_exact(2 * count);
-            pixels
-                .map(|pixel| f32::from(u16::from_be_bytes([pixel[2 * part], pixel[2 * part + 1]])) / 65535.0)
-                .collect()
+            let (pairs, _) = codes.as_chunks();
+            let codes = pairs.iter().skip(part).step_by(count);
+            values.extend(codes.map(|pair| f32::from(u16::from_be_bytes(*pair)) / 65535.0));
         } else {
-            codes.chunks_exact(count).map(|pixel| f32::from(pixel[part]) / 255.0).collect()
+            values.extend(codes.iter().skip(part).step_by(count).map(|code| f32::from(*code) / 255.0));
         }
+        Ok((*name, values))
     };
     Ok(Picture {
         size: [frame.width, frame.height].map(|edge| usize::try_from(edge).unwrap_or(0)),
-        channels: names.iter().enumerate().map(|(part, name)| (*name, channel(part))).collect(),
+        channels: names.iter().enumerate().map(channel).collect::<Result<_, io::Error>>()?,
     })
+}
+
+/// An empty list with room for so many.
+fn list<T>(count: usize) -> io::Result<Vec<T>> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(count).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    Ok(list)
 }
 
 #[cfg(test)]

@@ -295,11 +295,12 @@ fn spline(points: &Points<'_>, kind: Kind, alpha: f64, closed: bool) -> Option<V
     let mut all = points.points.as_slice();
     // The first point may be given again to close the curve, as for chains.
     let mut given_again = false;
-    if let (true, [first, .., last]) = (closed, all)
+    if let (true, [others @ .., last]) = (closed, all)
+        && let Some(first) = others.first()
         && coincide(*first, *last)
     {
         given_again = true;
-        all = &all[..all.len() - 1];
+        all = others;
     }
     let segments = match kind {
         Kind::CatmullRom => catmull_rom(all, alpha, closed),

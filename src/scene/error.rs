@@ -1,5 +1,7 @@
 //! The faults of a scene text, gathered while it is read and shown with the lines they are in.
 
+#![cfg_attr(not(test), deny(clippy::arithmetic_side_effects))]
+
 use std::cell::{Cell, RefCell};
 use std::fmt;
 use std::ops::Range;
@@ -126,7 +128,7 @@ impl Faults {
 
     /// Counts faults that are not shown.
     pub(super) fn omit(&self, count: usize) {
-        self.more.set(self.more.get() + count);
+        self.more.set(self.more.get().saturating_add(count));
     }
 
     /// Adds a note to every fault.
@@ -161,15 +163,16 @@ pub struct SceneErrors {
 
 impl SceneErrors {
     pub(super) fn new(origin: &str, text: &str, mut faults: Vec<Fault>, more: usize) -> SceneErrors {
+        faults.sort_by_key(|fault| (fault.span.start, fault.span.end));
+        let more = more.saturating_add(faults.len().saturating_sub(SHOWN));
+        faults.truncate(SHOWN);
         let starts = line_starts(text);
         for fault in &mut faults {
             let (line, column) = place(text, &starts, fault.span.start);
-            fault.line = line + 1;
-            fault.column = line_text(text, &starts, line)[..column].chars().count() + 1;
+            let before = line_text(text, &starts, line).get(..column).unwrap_or_default();
+            fault.line = line.saturating_add(1);
+            fault.column = before.chars().count().saturating_add(1);
         }
-        faults.sort_by_key(|fault| (fault.span.start, fault.span.end));
-        let more = more + faults.len().saturating_sub(SHOWN);
-        faults.truncate(SHOWN);
         SceneErrors { origin: origin.to_owned(), text: text.to_owned(), faults, more }
     }
 
@@ -177,8 +180,9 @@ impl SceneErrors {
     pub fn not_utf8(origin: &str, bytes: &[u8]) -> Option<SceneErrors> {
         let at = std::str::from_utf8(bytes).err()?.valid_up_to();
         let text = String::from_utf8_lossy(bytes);
-        let fault = Fault::at(at..at + char::REPLACEMENT_CHARACTER.len_utf8(), "this file is not UTF-8 text")
-            .label(format!("byte {} of the file", at + 1))
+        let span = at..at.saturating_add(char::REPLACEMENT_CHARACTER.len_utf8());
+        let fault = Fault::at(span, "this file is not UTF-8 text")
+            .label(format!("byte {} of the file", at.saturating_add(1)))
             .note("a scene is a TOML file, saved as UTF-8");
         Some(SceneErrors::new(origin, &text, vec![fault], 0))
     }
@@ -190,7 +194,7 @@ impl SceneErrors {
 
     /// Number of faults, those included that [`faults`](Self::faults) leaves off.
     pub fn count(&self) -> usize {
-        self.faults.len() + self.more
+        self.faults.len().saturating_add(self.more)
     }
 
     /// As `Display` shows it, in colours for a terminal.
@@ -242,7 +246,8 @@ impl SceneErrors {
 
     /// One line of the text: the whole of it would be laid out anew for each fault.
     fn line<'a>(&'a self, line: usize, starts: &[usize]) -> Snippet<'a, Annotation<'a>> {
-        Snippet::source(line_text(&self.text, starts, line)).line_start(line + 1).path(self.origin.as_str())
+        let text = line_text(&self.text, starts, line);
+        Snippet::source(text).line_start(line.saturating_add(1)).path(self.origin.as_str())
     }
 
     /// The line of `span` and a mark over as much of it as that line holds.
@@ -301,22 +306,21 @@ impl fmt::Display for Warnings {
 
 /// Byte offsets at which the lines begin; the first is 0.
 fn line_starts(text: &str) -> Vec<usize> {
-    std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect()
+    std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at.saturating_add(1))).collect()
 }
 
 /// A line, counted from 0, without what ends it.
 fn line_text<'a>(text: &'a str, starts: &[usize], line: usize) -> &'a str {
-    let end = starts.get(line + 1).map_or(text.len(), |next| next - 1);
-    text[starts[line]..end].trim_end_matches('\r')
+    let start = starts.get(line).copied().unwrap_or(text.len());
+    let end = starts.get(line.saturating_add(1)).map_or(text.len(), |next| next.saturating_sub(1));
+    text.get(start..end).unwrap_or_default().trim_end_matches('\r')
 }
 
 /// The line, counted from 0, and the byte in its text where byte `at` is, or the character that holds it.
 fn place(text: &str, starts: &[usize], at: usize) -> (usize, usize) {
     let line = starts.partition_point(|&start| start <= at.min(text.len())).saturating_sub(1);
     let content = line_text(text, starts, line);
-    let mut column = (at - starts[line]).min(content.len());
-    while !content.is_char_boundary(column) {
-        column -= 1;
-    }
-    (line, column)
+    let start = starts.get(line).copied().unwrap_or(0);
+    let column = at.saturating_sub(start).min(content.len());
+    (line, (0..=column).rfind(|at| content.is_char_boundary(*at)).unwrap_or(0))
 }

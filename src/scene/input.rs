@@ -1,5 +1,7 @@
 //! Files that a scene names: read by whoever reads the scene, so that this module touches no disk.
 
+#![cfg_attr(not(test), deny(clippy::arithmetic_side_effects))]
+
 use std::cell::RefCell;
 use std::fmt;
 use std::io;
@@ -59,7 +61,7 @@ impl<'a> Inputs<'a> {
         }
         let bytes = (self.load)(path).map_err(|error| refuse(error.to_string())).ok()?;
         let total: u64 = files.iter().map(|input| input.bytes.len() as u64).sum();
-        if total + bytes.len() as u64 > MOST_INPUT {
+        if total.saturating_add(bytes.len() as u64) > MOST_INPUT {
             refuse(format!("a scene's files may have {} MiB together", MOST_INPUT >> 20));
             return None;
         }

@@ -11,6 +11,18 @@
 //! Numbers and points of the text that move have their values at that time, and are checked there; rates are added up
 //! from the start frame to that time, in closed form.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 mod axis;
 mod error;
 mod input;

@@ -86,8 +86,8 @@ fn keyed_track(item: &Item<'_>, table: &Reader<'_>, limit: &Limit) -> Option<Key
         let span = items.get(key).map_or(list.span(), Item::span);
         list.report(Fault::at(span, format!("misplaced key of `{}`", item.key())).label(label));
     };
-    for (key, pair) in keys.windows(2).enumerate() {
-        let apart = pair[1].0 - pair[0].0;
+    for (key, ((before, _), (after, _))) in keys.iter().zip(keys.iter().skip(1)).enumerate() {
+        let apart = after - before;
         if apart < 0.0 {
             misplaced(key + 1, "expected a time not before that of the key before");
             return None;
@@ -97,7 +97,7 @@ fn keyed_track(item: &Item<'_>, table: &Reader<'_>, limit: &Limit) -> Option<Key
             return None;
         }
     }
-    if let Some(key) = keys.windows(3).position(|triple| triple[0].0 == triple[2].0) {
+    if let Some(key) = keys.iter().zip(keys.iter().skip(2)).position(|(first, third)| first.0 == third.0) {
         misplaced(key + 2, "expected at most two keys at one time");
         return None;
     }

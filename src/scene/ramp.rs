@@ -23,6 +23,7 @@ pub struct Ramp<T> {
 
 impl<T: Copy + Add<Output = T> + Mul<f64, Output = T>> Ramp<T> {
     /// The value at l, a fraction of the arc length; at a step, that after it.
+    #[allow(clippy::unreachable, reason = "a ramp has a key")]
     pub fn at(&self, l: f64) -> T {
         let next = self.keys.partition_point(|(place, _)| *place <= l);
         match (next.checked_sub(1).and_then(|last| self.keys.get(last)), self.keys.get(next)) {
@@ -79,9 +80,10 @@ fn keys<T, const N: usize>(
     // Every key is read, so that each fault among them is found.
     let keys: Vec<_> = items.iter().map(|item| read(item, key, limit)).collect();
     let keys: Vec<(f64, [f64; N])> = keys.into_iter().collect::<Option<_>>()?;
-    for (index, pair) in keys.windows(2).enumerate() {
-        let repeats = index > 0 && keys[index - 1].0 == pair[1].0;
-        let label = if pair[1].0 < pair[0].0 {
+    let mut before = None;
+    for (((l, _), (next, _)), item) in keys.iter().zip(keys.iter().skip(1)).zip(items.iter().skip(1)) {
+        let repeats = before.replace(*l) == Some(*next);
+        let label = if next < l {
             "expected an l not below that of the key before"
         } else if repeats {
             "expected at most two keys at one l"
@@ -89,7 +91,7 @@ fn keys<T, const N: usize>(
             continue;
         };
         let title = format!("misplaced key of `{}`", whole.key());
-        whole.report(Fault::at(items[index + 1].span(), title).label(label));
+        whole.report(Fault::at(item.span(), title).label(label));
         return None;
     }
     Some(Ramp { keys: keys.into_iter().map(|(l, numbers)| (l, value(numbers))).collect() })
@@ -97,14 +99,14 @@ fn keys<T, const N: usize>(
 
 fn read<const N: usize>(item: &Item<'_>, expected: &str, limit: &Limit) -> Option<(f64, [f64; N])> {
     let numbers = item.array(expected)?;
-    if numbers.len() != N + 1 {
+    let Some((l, values)) = numbers.split_first().filter(|(_, values)| values.len() == N) else {
         let fault = Fault::at(item.span(), format!("wrong length for a key of `{}`", item.key()));
         item.report(fault.label(format!("expected {expected}, found {}", numbers.len())));
         return None;
-    }
+    };
     // All are read before any is given up, so that the faults of each are found.
-    let l = numbers[0].number(&limit::PLACE);
-    let values: Vec<_> = numbers[1..].iter().map(|number| number.number(limit)).collect();
+    let l = l.number(&limit::PLACE);
+    let values: Vec<_> = values.iter().map(|number| number.number(limit)).collect();
     let mut out = [0.0; N];
     for (out, value) in out.iter_mut().zip(values) {
         *out = value?;

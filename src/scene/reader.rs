@@ -409,7 +409,7 @@ fn nearest<'a>(found: &str, candidates: impl Iterator<Item = &'a str>) -> Option
 fn shorten(text: &str) -> String {
     const LONGEST: usize = 40;
     match text.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{}...", &text[..end]),
+        Some((end, _)) => format!("{}...", text.split_at(end).0),
         None => text.to_owned(),
     }
 }

@@ -33,6 +33,7 @@ pub enum Weight {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Remark {
     weight: Weight,
+    fault: Fault,
     errors: SceneErrors,
 }
 
@@ -44,7 +45,7 @@ impl Remark {
 
     /// The remark and its place.
     pub fn fault(&self) -> &Fault {
-        &self.errors.faults()[0]
+        &self.fault
     }
 
     /// The remark with its file, line, column and source line; with colours for a terminal.
@@ -70,7 +71,10 @@ impl Scene {
     ) -> Remark {
         let text = self.text.strip_prefix('\u{feff}').unwrap_or(&self.text);
         let fault = Fault::at(locate(text, keys), title).label(label).note(help);
-        Remark { weight, errors: SceneErrors::new(&self.origin, text, vec![fault], 0) }
+        let errors = SceneErrors::new(&self.origin, text, vec![fault.clone()], 0);
+        // There, it knows its line and column.
+        let fault = errors.faults().first().cloned().unwrap_or(fault);
+        Remark { weight, fault, errors }
     }
 }
 

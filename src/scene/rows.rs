@@ -1,5 +1,7 @@
 //! Numbers as comma-separated text, a row a line.
 
+#![cfg_attr(not(test), deny(clippy::arithmetic_side_effects))]
+
 use super::limit::Limit;
 
 /// Lines that are longer hold no numbers.
@@ -45,10 +47,10 @@ pub(super) fn rows<const N: usize>(
             return Err(format!("line {line}: expected {N} numbers, {names}, found {}", fields.len()));
         }
         let mut row = [0.0; N];
-        let mut column = 1;
+        let mut column = 1_usize;
         for ((out, field), limit) in row.iter_mut().zip(&fields).zip(limits) {
-            let start = column + field.chars().take_while(|c| c.is_whitespace()).count();
-            column += field.chars().count() + 1;
+            let start = column.saturating_add(field.chars().take_while(|c| c.is_whitespace()).count());
+            column = column.saturating_add(field.chars().count()).saturating_add(1);
             let place = format!("line {line}, column {start}");
             *out = match number(field) {
                 None => return Err(format!("{place}: expected {}, found {}", limit.noun, shown(field))),

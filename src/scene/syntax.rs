@@ -1,5 +1,7 @@
 //! What the TOML parser found wrong, and which of the faults found after it are only its echo.
 
+#![cfg_attr(not(test), deny(clippy::arithmetic_side_effects))]
+
 use std::ops::Range;
 
 use toml::Spanned;
@@ -76,8 +78,9 @@ fn are_numbers(text: &str) -> bool {
 }
 
 fn never_closed(text: &str, bracket: usize, first: Range<usize>) -> Fault {
-    let (noun, end) = if text[bracket..].starts_with('{') { ("table", '}') } else { ("array", ']') };
-    let fault = Fault::at(bracket..bracket + 1, format!("this {noun} is not closed"))
+    let is_table = text.as_bytes().get(bracket) == Some(&b'{');
+    let (noun, end) = if is_table { ("table", '}') } else { ("array", ']') };
+    let fault = Fault::at(bracket..bracket.saturating_add(1), format!("this {noun} is not closed"))
         .label(format!("expected a `{end}` after its last element"));
     if line_of(text, bracket) == line_of(text, first.start) {
         return fault;
@@ -87,25 +90,28 @@ fn never_closed(text: &str, bracket: usize, first: Range<usize>) -> Fault {
 
 fn line_of(text: &str, at: usize) -> Range<usize> {
     let bytes = text.as_bytes();
-    let at = at.min(bytes.len());
-    let start = bytes[..at].iter().rposition(|&byte| byte == b'\n').map_or(0, |newline| newline + 1);
-    let end = bytes[at..].iter().position(|&byte| byte == b'\n').map_or(bytes.len(), |newline| at + newline);
-    start..end
+    let (before, after) = bytes.split_at_checked(at).unwrap_or((bytes, &[]));
+    let newline = |byte: &u8| *byte == b'\n';
+    let start = before.iter().rposition(newline).map_or(0, |newline| newline.saturating_add(1));
+    let length = after.iter().position(newline).unwrap_or(after.len());
+    start..before.len().saturating_add(length)
 }
 
 fn first_byte(text: &str, line: &Range<usize>) -> Option<usize> {
-    line.clone().find(|&at| !text.as_bytes()[at].is_ascii_whitespace())
+    let bytes = text.as_bytes().get(line.clone()).unwrap_or_default();
+    line.clone().zip(bytes).find(|(_, byte)| !byte.is_ascii_whitespace()).map(|(at, _)| at)
 }
 
 /// The bytes that may be misread because of a syntax error: its line; after a broken table header, all up to the next.
 fn reach(text: &str, span: &Range<usize>) -> Range<usize> {
-    let is_header =
-        |line: &Range<usize>| first_byte(text, line).is_some_and(|first| text.as_bytes()[first] == b'[');
+    let is_header = |line: &Range<usize>| {
+        first_byte(text, line).is_some_and(|first| text.as_bytes().get(first) == Some(&b'['))
+    };
     let mut line = line_of(text, span.start);
     let start = line.start;
     if is_header(&line) {
         while line.end < text.len() {
-            let next = line_of(text, line.end + 1);
+            let next = line_of(text, line.end.saturating_add(1));
             if is_header(&next) {
                 break;
             }
@@ -120,7 +126,7 @@ fn unclosed(text: &str, document: &DeTable<'_>, at: usize) -> Option<usize> {
     let value = outermost(text, document, at)?;
     let open = open_brackets(text.get(value.clone())?);
     // Brackets after the error are of what follows the value.
-    open.into_iter().map(|bracket| value.start + bracket).rfind(|bracket| *bracket < at)
+    open.into_iter().map(|bracket| value.start.saturating_add(bracket)).rfind(|bracket| *bracket < at)
 }
 
 /// The outermost array or inline table that holds byte `at`.
@@ -151,7 +157,7 @@ fn open_brackets(value: &str) -> Vec<usize> {
         match byte {
             b'[' | b'{' => open.push((at, byte)),
             // The two closing brackets follow the opening ones at the same distance in ASCII.
-            b']' | b'}' if open.last().is_some_and(|(_, opened)| opened + 2 == byte) => {
+            b']' | b'}' if open.last().is_some_and(|(_, opened)| byte.checked_sub(2) == Some(*opened)) => {
                 open.pop();
             }
             b']' | b'}' => break,

@@ -137,8 +137,7 @@ impl Keyed {
         for (index, run) in runs.iter().enumerate() {
             let start = if index == 0 { ends[0] } else { run.chords.first().copied() };
             let end = if index + 1 == runs.len() { ends[1] } else { run.chords.last().copied() };
-            for (i, pair) in run.keys.windows(2).enumerate() {
-                let [(t0, v0), (t1, v1)] = [pair[0], pair[1]];
+            for (i, (&(t0, v0), &(t1, v1))) in run.pairs().enumerate() {
                 let (width, rise) = (t1 - t0, v1 - v0);
                 let slope = |key: usize, end: Option<f64>| width * run.slope(key).or(end).unwrap_or(0.0);
                 let coefficients = match interpolation {
@@ -207,8 +206,14 @@ struct Chords<'a> {
 
 impl Chords<'_> {
     fn new(keys: &[(f64, f64)]) -> Chords<'_> {
-        let chords = keys.windows(2).map(|pair| (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0)).collect();
-        Chords { keys, chords }
+        let mut run = Chords { keys, chords: vec![] };
+        run.chords = run.pairs().map(|((t0, v0), (t1, v1))| (v1 - v0) / (t1 - t0)).collect();
+        run
+    }
+
+    /// Keys that follow each other.
+    fn pairs(&self) -> impl Iterator<Item = (&(f64, f64), &(f64, f64))> {
+        self.keys.iter().zip(self.keys.iter().skip(1))
     }
 
     /// Rate of change at a key between two others.

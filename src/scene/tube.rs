@@ -10,7 +10,7 @@ use super::motion::Rate;
 use super::profile::{self, Radius};
 use super::reader::{Item, Reader, Words};
 use super::{Caps, Conserve, Overlap, Radial, Rest, Tube, layer, limit, ramp, seams};
-use crate::curve::{FrameRule, Profile};
+use crate::curve::{FrameRule, Profile, ProfileError};
 
 /// Radius of a tube that gives none, as a part of its curve's length.
 const RADIUS: f64 = 0.1;
@@ -118,9 +118,14 @@ fn tube(table: &Reader<'_>, name: String, inputs: &Inputs<'_>, known: Option<Res
     let temperature = table.get("temperature").and_then(ramp::temperature);
     // Only when all keys are read may a tube without a curve be given up.
     let curve = curve?;
-    let Radius { profile: radius, sampling_error } = radius.unwrap_or_else(|| {
-        Profile::constant(RADIUS * curve.length()).expect("a part of a curve's length is a radius").into()
-    });
+    let Radius { profile: radius, sampling_error } = match radius {
+        Some(radius) => radius,
+        None => {
+            let default = Profile::constant(RADIUS * curve.length());
+            let refuse = |error: ProfileError| table.report(Fault::at(table.span(), error.to_string()));
+            default.map_err(refuse).ok()?.into()
+        }
+    };
     let rest = Rest {
         radius: rest[0].or(known.map(|rest| rest.radius)).unwrap_or_else(|| radius.rms()),
         length: rest[1].or(known.map(|rest| rest.length)).unwrap_or_else(|| curve.length()),

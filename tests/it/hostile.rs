@@ -11,7 +11,7 @@ use vdbake::formats::vdb::{
 };
 
 use crate::oracle::{openvdb_make, vdb_tool};
-use crate::support::{random, stderr, stdout};
+use crate::support::{random, stderr, stdout, vdbake};
 
 /// Mutated files in all.
 const MUTATIONS: usize = 5000;
@@ -110,6 +110,11 @@ fn mutations() {
 
 /// A file of our own: a few leaves in two upper nodes.
 fn own(compression: Compression) -> Vec<u8> {
+    named("density", compression)
+}
+
+/// The same, of this name.
+fn named(name: &str, compression: Compression) -> Vec<u8> {
     let mut grid = VdbGridBuilder::new(compression);
     let mut run = EncodedBricks::default();
     let mut state = 3;
@@ -121,7 +126,7 @@ fn own(compression: Compression) -> Vec<u8> {
     grid.append(&run).expect("sorted");
     let header = FileHeader { uuid: uuid::Uuid::nil(), metadata: Metadata::new() };
     let grid_header = GridHeader {
-        name: "density".to_owned(),
+        name: name.to_owned(),
         class: GridClass::FogVolume,
         vector_type: VectorType::Invariant,
         voxel_size: 0.5,
@@ -150,4 +155,55 @@ fn claims_beyond_the_file_are_refused() {
         bytes[count..count + 4].copy_from_slice(&u32::MAX.to_le_bytes());
         assert!(open(&bytes).expect("the headers are valid").grid("density").is_err());
     }
+}
+
+/// What a file says of itself is never a path: files are made where the user says, and nowhere else.
+#[test]
+fn names_in_a_file_are_no_paths() {
+    let root = tempdir().expect("a temporary folder");
+    let folder = root.path().join("a/b/c");
+    fs::create_dir_all(&folder).expect("new folders");
+    for name in ["../../x", "/tmp/vdbake_x", "..", "c:\\x", "a/b", "x\0y", "-o", "%s", ""] {
+        let input = folder.join("in.vdb");
+        fs::write(&input, named(name, Compression::Zip)).expect("room");
+        fs::write(folder.join("points.csv"), "0,0,0\n").expect("room");
+        for arguments in [
+            &["convert", "in.vdb", "out.vol"][..],
+            &["slice", "in.vdb", "--axis", "x", "--planes", "0-1", "-o", "s.####.exr"],
+            &["slice", "in.vdb", "--axis", "y", "--planes", "0-1", "-o", "parts.exr"],
+            &["slice", "in.vdb", "--axis", "z", "--planes", "0-1", "-o", "atlas.png"],
+            &["render", "in.vdb", "--size", "4x4", "-o", "out.png"],
+            &["sample", "in.vdb", "--points", "points.csv", "-o", "out.csv"],
+            &["compare", "in.vdb", "in.vdb", "--points", "10", "--rays", "2"],
+            &["info", "in.vdb"],
+        ] {
+            let output =
+                vdbake().args(arguments).arg("--quiet").current_dir(&folder).output().expect("it starts");
+            assert!(output.status.success(), "{name:?} {arguments:?}: {}", stderr(&output));
+            assert!(!stdout(&output).contains('\0'), "{name:?} {arguments:?}");
+        }
+    }
+    let mut found = vec![];
+    let mut folders = vec![root.path().to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            let name = path.strip_prefix(root.path()).expect("below it").to_string_lossy().into_owned();
+            if path.is_dir() { folders.push(path) } else { found.push(name) }
+        }
+    }
+    found.sort();
+    let expected = [
+        "atlas.png",
+        "in.vdb",
+        "out.csv",
+        "out.png",
+        "out.vol",
+        "parts.exr",
+        "points.csv",
+        "s.0000.exr",
+        "s.0001.exr",
+    ];
+    assert_eq!(found, expected.map(|name| format!("a/b/c/{name}")));
+    assert!(!std::path::Path::new("/tmp/vdbake_x").exists());
 }

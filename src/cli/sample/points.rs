@@ -1,5 +1,18 @@
 //! Where to sample.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;

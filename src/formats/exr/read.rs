@@ -1,5 +1,18 @@
 //! Reading images of any program.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 use std::io::{Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -90,7 +103,8 @@ fn check(meta: &MetaData, length: u64, limit: u64) -> Result<(), ExrReadError> {
         let pixels = (width as u64).saturating_mul(height as u64);
         announced = announced.saturating_add(pixels.saturating_mul(header.channels.bytes_per_pixel as u64));
         // As they are stored and as 32-bit floats.
-        let held = header.channels.bytes_per_pixel + 4 * header.channels.list.len();
+        let floats = header.channels.list.len().saturating_mul(4);
+        let held = header.channels.bytes_per_pixel.saturating_add(floats);
         needed = needed.saturating_add(pixels.saturating_mul(held as u64));
         if let Some(channel) = header.channels.list.iter().find(|channel| channel.sampling.area() != 1) {
             return Err(ExrReadError::Subsampled(channel.name.to_string()));

@@ -1,5 +1,18 @@
 //! Metadata maps, of a file and of a grid.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 use std::collections::BTreeMap;
 
 use super::file::VdbWriteError;

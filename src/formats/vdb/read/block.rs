@@ -51,7 +51,7 @@ impl<T: Stored> Layout<T> {
 
     /// Bytes of a block without an active entry, the shortest there is.
     pub(super) fn least(&self, entries: usize) -> usize {
-        if self.is_plain() { 1 + entries * self.value_size() } else { 1 }
+        if self.is_plain() { entries.saturating_mul(self.value_size()).saturating_add(1) } else { 1 }
     }
 
     /// The length of the block that begins with `bytes`.
@@ -59,14 +59,15 @@ impl<T: Stored> Layout<T> {
         let Some(code) = bytes.first() else { return Ok(Length::AtLeast(1)) };
         let head = head_len::<T>(*code, entries)?;
         let stored = self.stored(*code, entries, active);
-        let raw = stored * self.value_size();
+        let raw = stored.saturating_mul(self.value_size());
         if !self.framed(stored) {
-            return Ok(Length::Whole(head + raw));
+            return Ok(Length::Whole(head.saturating_add(raw)));
         }
+        let framed = head.saturating_add(8);
         let Some(size) = bytes.get(head..).and_then(|rest| rest.first_chunk()) else {
-            return Ok(Length::AtLeast(head + 8));
+            return Ok(Length::AtLeast(framed));
         };
-        Ok(Length::Whole(head + 8 + payload_len(i64::from_le_bytes(*size), raw)?))
+        Ok(Length::Whole(framed.saturating_add(payload_len(i64::from_le_bytes(*size), raw)?)))
     }
 
     /// Decodes a whole block into `out`, one value for each entry. `active` is the node's mask of active entries.
@@ -81,7 +82,7 @@ impl<T: Stored> Layout<T> {
         let (code, rest) = block.split_first().ok_or(Fault::Invalid("value block"))?;
         let stored = self.stored(*code, out.len(), count);
         let (head, payload) = rest
-            .split_at_checked(head_len::<T>(*code, out.len())? - 1)
+            .split_at_checked(head_len::<T>(*code, out.len())?.saturating_sub(1))
             .ok_or(Fault::Invalid("value block"))?;
         let raw = self.payload(payload, stored, &mut scratch.bytes)?;
         if stored == out.len() {
@@ -102,7 +103,7 @@ impl<T: Stored> Layout<T> {
         stored: usize,
         scratch: &'a mut Bytes,
     ) -> Result<&'a [u8], Fault> {
-        let raw = stored * self.value_size();
+        let raw = stored.saturating_mul(self.value_size());
         if !self.framed(stored) {
             return payload.get(..raw).ok_or(Fault::Invalid("value block"));
         }
@@ -131,7 +132,7 @@ impl<T: Stored> Layout<T> {
 
     /// Gives each entry the value that it has where it is inactive.
     fn fill_inactive(&self, code: u8, head: &[u8], out: &mut [T]) -> Result<(), Fault> {
-        let own = (inactive_values(code) * T::SIZE).min(head.len());
+        let own = inactive_values(code).saturating_mul(T::SIZE).min(head.len());
         let (own, selection) = head.split_at(own);
         let mut values = [self.background; 2];
         T::decode(own, &mut values);
@@ -174,14 +175,15 @@ fn head_len<T: Stored>(code: u8, entries: usize) -> Result<usize, Fault> {
     if code >= CODES {
         return Err(Fault::Invalid("code of a value block"));
     }
-    Ok(1 + inactive_values(code) * T::SIZE + if selects(code) { entries / 8 } else { 0 })
+    let selection = if selects(code) { entries / 8 } else { 0 };
+    Ok(inactive_values(code).saturating_mul(T::SIZE).saturating_add(selection).saturating_add(1))
 }
 
 /// Bytes of a payload that was `raw` bytes long, from the number before it.
 fn payload_len(size: i64, raw: usize) -> Result<usize, Fault> {
     let len = usize::try_from(size.unsigned_abs()).map_err(|_| Fault::Invalid("size of a payload"))?;
     // A codec that makes its input longer by more than this is broken, and bounds keep memory bounded.
-    let most = if size > 0 { 2 * raw + 4096 } else { raw };
+    let most = if size > 0 { raw.saturating_mul(2).saturating_add(4096) } else { raw };
     if len > most || (size <= 0 && len != raw) {
         return Err(Fault::Invalid("size of a payload"));
     }

@@ -36,7 +36,8 @@ pub(super) fn decode(frame: &[u8], shuffled: &mut Vec<u8>, out: &mut [u8]) -> Re
         return Ok(());
     }
     if flags & STORED != 0 {
-        out.copy_from_slice(frame.get(HEADER..HEADER + raw_len).ok_or(CORRUPT)?);
+        let stored = frame.get(HEADER..).and_then(|rest| rest.get(..raw_len));
+        out.copy_from_slice(stored.ok_or(CORRUPT)?);
         return Ok(());
     }
     match flags >> 5 {
@@ -51,12 +52,14 @@ pub(super) fn decode(frame: &[u8], shuffled: &mut Vec<u8>, out: &mut [u8]) -> Re
         return Err(Fault::Unsupported("Blosc with bit shuffle"));
     }
     let type_size = usize::from(*type_size);
-    if block_len == 0 || type_size == 0 {
+    let values = block_len.checked_div(type_size).ok_or(CORRUPT)?;
+    if block_len == 0 {
         return Err(CORRUPT);
     }
-    let splits = flags & ONE_STREAM == 0 && type_size <= MAX_STREAMS && block_len / type_size >= MIN_VALUES;
+    let splits = flags & ONE_STREAM == 0 && type_size <= MAX_STREAMS && values >= MIN_VALUES;
+    let offsets = frame.get(HEADER..).unwrap_or_default().as_chunks().0;
     for (index, block) in out.chunks_mut(block_len).enumerate() {
-        let offset = u32_at(frame, HEADER + 4 * index)?;
+        let offset = number(offsets.get(index).ok_or(CORRUPT)?)?;
         let streams = if splits && block.len() == block_len { type_size } else { 1 };
         if flags & SHUFFLE != 0 && type_size > 1 {
             shuffled.resize(block.len(), 0);
@@ -69,22 +72,20 @@ pub(super) fn decode(frame: &[u8], shuffled: &mut Vec<u8>, out: &mut [u8]) -> Re
     Ok(())
 }
 
-fn u32_at(frame: &[u8], at: usize) -> Result<usize, Fault> {
-    let bytes = frame.get(at..).and_then(|rest| rest.first_chunk()).ok_or(CORRUPT)?;
+fn number(bytes: &[u8; 4]) -> Result<usize, Fault> {
     usize::try_from(u32::from_le_bytes(*bytes)).map_err(|_| CORRUPT)
 }
 
 /// Decodes the streams of a block, which follow one another.
-fn streams_into(frame: &[u8], mut offset: usize, streams: usize, block: &mut [u8]) -> Result<(), Fault> {
-    let stream_len = block.len() / streams;
-    if stream_len * streams != block.len() {
-        return Err(CORRUPT);
-    }
-    for part in block.chunks_mut(stream_len) {
-        let len = u32_at(frame, offset)?;
-        let stream = frame.get(offset + 4..).and_then(|rest| rest.get(..len)).ok_or(CORRUPT)?;
-        offset += 4 + len;
-        if len == part.len() {
+fn streams_into(frame: &[u8], offset: usize, streams: usize, block: &mut [u8]) -> Result<(), Fault> {
+    let stream_len =
+        block.len().checked_div(streams).filter(|len| len.checked_mul(streams) == Some(block.len()));
+    let mut rest = frame.get(offset..).ok_or(CORRUPT)?;
+    for part in block.chunks_mut(stream_len.ok_or(CORRUPT)?) {
+        let (len, behind) = rest.split_first_chunk().ok_or(CORRUPT)?;
+        let (stream, next) = behind.split_at_checked(number(len)?).ok_or(CORRUPT)?;
+        rest = next;
+        if stream.len() == part.len() {
             part.copy_from_slice(stream);
         } else if !decompress_into(stream, part).is_ok_and(|len| len == part.len()) {
             return Err(Fault::Invalid("LZ4 stream"));
@@ -95,20 +96,22 @@ fn streams_into(frame: &[u8], mut offset: usize, streams: usize, block: &mut [u8
 
 /// Puts the bytes of each value together again: all first bytes come first, then all second ones.
 fn unshuffle(shuffled: &[u8], type_size: usize, out: &mut [u8]) {
-    let count = out.len() / type_size;
+    let count = out.len().checked_div(type_size).unwrap_or(0);
     if type_size == 4 {
-        let (planes, rest) = shuffled.split_at(4 * count);
-        let (low, high) = planes.split_at(2 * count);
-        let ((a, b), (c, d)) = (low.split_at(count), high.split_at(count));
         let (values, tail) = out.as_chunks_mut::<4>();
+        let (a, planes) = shuffled.split_at(count);
+        let (b, planes) = planes.split_at(count);
+        let (c, planes) = planes.split_at(count);
+        let (d, rest) = planes.split_at(count);
         for ((((value, a), b), c), d) in values.iter_mut().zip(a).zip(b).zip(c).zip(d) {
             *value = [*a, *b, *c, *d];
         }
         tail.copy_from_slice(rest);
         return;
     }
-    let (planes, rest) = shuffled.split_at(type_size * count);
-    let (values, tail) = out.split_at_mut(type_size * count);
+    let whole = count.saturating_mul(type_size);
+    let (planes, rest) = shuffled.split_at(whole);
+    let (values, tail) = out.split_at_mut(whole);
     for (place, plane) in planes.chunks_exact(count.max(1)).enumerate() {
         for (byte, value) in plane.iter().zip(values.iter_mut().skip(place).step_by(type_size)) {
             *value = *byte;

@@ -2,7 +2,7 @@
 
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
-use super::error::VdbReadError;
+use super::error::{VdbReadError, no_memory};
 
 /// Bytes that are asked for at once.
 const BUFFER: usize = 64 << 10;
@@ -65,7 +65,7 @@ impl<R: Read + Seek> Cursor<R> {
     pub(super) fn skip(&mut self, length: u64) -> Result<(), VdbReadError> {
         self.require(length)?;
         self.input.seek_relative(i64::try_from(length).map_err(|_| self.invalid("offset"))?)?;
-        self.position += length;
+        self.advance(length);
         Ok(())
     }
 
@@ -80,12 +80,18 @@ impl<R: Read + Seek> Cursor<R> {
     pub(super) fn append(&mut self, length: usize, out: &mut Vec<u8>) -> Result<(), VdbReadError> {
         self.require(length as u64)?;
         let start = out.len();
+        out.try_reserve(length).map_err(|_| no_memory())?;
         out.resize(start.saturating_add(length), 0);
         if let Some(added) = out.get_mut(start..) {
             self.input.read_exact(added)?;
         }
-        self.position += length as u64;
+        self.advance(length as u64);
         Ok(())
+    }
+
+    /// Notes what was read; it was required before.
+    fn advance(&mut self, length: u64) {
+        self.position = self.position.saturating_add(length);
     }
 
     pub(super) fn bytes(&mut self, length: u32) -> Result<Vec<u8>, VdbReadError> {
@@ -101,7 +107,7 @@ impl<R: Read + Seek> Cursor<R> {
         self.require(N as u64)?;
         let mut bytes = [0; N];
         self.input.read_exact(&mut bytes)?;
-        self.position += N as u64;
+        self.advance(N as u64);
         Ok(from(bytes))
     }
 

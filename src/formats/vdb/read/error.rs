@@ -72,6 +72,11 @@ pub enum VdbReadError {
     },
 }
 
+/// There is no room for a list that grows.
+pub(super) fn no_memory() -> VdbReadError {
+    io::Error::from(io::ErrorKind::OutOfMemory).into()
+}
+
 /// What is wrong with bytes whose place in the file the code at hand does not know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fault {

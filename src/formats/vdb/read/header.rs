@@ -140,7 +140,7 @@ pub(super) fn grid_header<R: Read + Seek>(
         compression: flags_text(flags),
         metadata,
         map,
-        bytes: if has_offsets { end - start } else { start },
+        bytes: if has_offsets { end.saturating_sub(start) } else { start },
     };
     Ok((info, Record { unique_name, flags, half, known_map, topology, end }))
 }
@@ -179,10 +179,9 @@ fn map<R: Read + Seek>(cursor: &mut Cursor<R>) -> Result<(Map, bool), VdbReadErr
         "TranslationMap" => Some(scale_translate([1.0; 3], cursor.doubles()?)),
         "AffineMap" | "UnitaryMap" => {
             // The file's vectors are rows: its translation is the last row, ours the last column.
-            let stored: [f64; 16] = cursor.doubles()?;
-            let [x, y, z, t] =
-                [0, 4, 8, 12].map(|at| [0, 1, 2].map(|c| stored.get(at + c).copied().unwrap_or(0.0)));
-            Some(from_columns([x, y, z, t]))
+            let [x, y, z, t] = [(); 4].map(|()| cursor.doubles());
+            let columns = [x?, y?, z?, t?].map(|[x, y, z, _]: [f64; 4]| [x, y, z]);
+            Some(from_columns(columns))
         }
         "NonlinearFrustumMap" => {
             // Box, taper and depth, then the linear map behind the frustum. Not affine, but what follows can be read.

@@ -39,7 +39,7 @@ pub(super) trait Buffers<T>: Sync {
 
 impl<T: Stored> Buffers<T> for Layout<T> {
     fn least(&self) -> usize {
-        MASK + Layout::least(self, 512)
+        MASK.saturating_add(Layout::least(self, 512))
     }
 
     fn fixed(&self) -> Option<usize> {
@@ -50,8 +50,8 @@ impl<T: Stored> Buffers<T> for Layout<T> {
         let Some((_, block)) = bytes.split_at_checked(MASK) else { return Ok(Length::AtLeast(MASK + 1)) };
         let count = leaf.mask.iter().map(|word| word.count_ones() as usize).sum();
         Ok(match Layout::measure(self, block, 512, count)? {
-            Length::Whole(length) => Length::Whole(MASK + length),
-            Length::AtLeast(length) => Length::AtLeast(MASK + length),
+            Length::Whole(length) => Length::Whole(MASK.saturating_add(length)),
+            Length::AtLeast(length) => Length::AtLeast(MASK.saturating_add(length)),
         })
     }
 
@@ -136,35 +136,37 @@ pub(super) fn read_some<T: Stored, R: Read + Seek>(
     taken: &[bool],
 ) -> Result<Selected<T>, VdbReadError> {
     let (mut pages, mut slots) = (vec![], vec![]);
-    let fixed = buffers.fixed().filter(|size| *size as u64 * leaves.len() as u64 == cursor.remaining());
+    let bytes = |count: usize, size: usize| (count as u64).saturating_mul(size as u64);
+    let fixed = buffers.fixed().filter(|size| bytes(leaves.len(), *size) == cursor.remaining());
     // Runs of leaves that are all read, those that are not taken among them only where it takes reading to pass them.
     let runs: Vec<(usize, usize)> = if fixed.is_some() {
-        let mut end = 0;
+        let mut next = 0_usize;
         let chunks = taken.chunk_by(|a, b| a == b).map(|run| {
-            end += run.len();
-            (end - run.len(), end)
+            let first = next;
+            next = first.saturating_add(run.len());
+            (first, next)
         });
         chunks.filter(|(start, _)| taken.get(*start) == Some(&true)).collect()
     } else {
-        taken.iter().rposition(|taken| *taken).map(|last| (0, last + 1)).into_iter().collect()
+        taken.iter().rposition(|taken| *taken).map(|last| (0, last.saturating_add(1))).into_iter().collect()
     };
     let start = cursor.position();
     let whole = cursor.end();
     for (first, end) in runs {
         if let Some(size) = fixed {
-            cursor.skip(start + first as u64 * size as u64 - cursor.position())?;
-            cursor.set_end(start + end as u64 * size as u64);
+            cursor.skip(start.saturating_add(bytes(first, size)).saturating_sub(cursor.position()))?;
+            cursor.set_end(start.saturating_add(bytes(end, size)));
         }
         slots.resize(first, ABSENT);
         let run = leaves.get(first..end).unwrap_or_default();
         let done = walk(cursor, buffers, run, |batch| {
             let taken = taken.get(slots.len()..).unwrap_or_default();
-            let mut next = pages.len() * PAGE;
+            let mut next = pages.len().saturating_mul(PAGE);
             let here: Vec<usize> =
                 (0..batch.leaves.len()).filter(|at| taken.get(*at) == Some(&true)).collect();
             slots.extend(taken.iter().take(batch.leaves.len()).map(|taken| {
                 let slot = if *taken { u32::try_from(next).unwrap_or(ABSENT) } else { ABSENT };
-                next += usize::from(*taken);
+                next = next.saturating_add(usize::from(*taken));
                 slot
             }));
             pages.extend(decode(buffers, &batch, &here)?);
@@ -226,7 +228,7 @@ impl<'a> Batch<'a> {
             None => 0,
         };
         let bytes = self.bytes.get(start..*self.ends.get(number)?)?;
-        Some((self.leaves.get(number)?, bytes, self.offset + start as u64))
+        Some((self.leaves.get(number)?, bytes, self.offset.saturating_add(start as u64)))
     }
 }
 
@@ -241,19 +243,19 @@ fn walk<T: Stored, R: Read + Seek>(
     let (mut bytes, mut ends) = (vec![], vec![]);
     let mut rest = leaves;
     while !rest.is_empty() {
-        let offset = cursor.position() - bytes.len() as u64;
+        let offset = cursor.position().saturating_sub(bytes.len() as u64);
         let room = BATCH.saturating_sub(bytes.len()) as u64;
         let more = usize::try_from(room.min(cursor.remaining())).unwrap_or(BATCH);
         cursor.append(more, &mut bytes)?;
         ends.clear();
-        let mut end = 0;
+        let mut end = 0_usize;
         let mut missing = 0;
         for leaf in rest {
             let buffer = bytes.get(end..).unwrap_or_default();
-            let fault = |fault: Fault| fault.at(offset + end as u64);
+            let fault = |fault: Fault| fault.at(offset.saturating_add(end as u64));
             match buffers.measure(buffer, leaf).map_err(fault)? {
                 Length::Whole(length) if length <= buffer.len() => {
-                    end += length;
+                    end = end.saturating_add(length);
                     ends.push(end);
                 }
                 Length::Whole(length) | Length::AtLeast(length) => {
@@ -262,7 +264,11 @@ fn walk<T: Stored, R: Read + Seek>(
                 }
             }
         }
-        let whole = if ends.len() == rest.len() { ends.len() } else { ends.len() / PAGE * PAGE };
+        let whole = if ends.len() == rest.len() {
+            ends.len()
+        } else {
+            ends.as_chunks::<PAGE>().0.as_flattened().len()
+        };
         if whole == 0 {
             // A batch has room for a page of the longest buffers that are not refused: the grid ends here.
             return Err(VdbReadError::Truncated { offset: cursor.position(), length: missing as u64 });
@@ -274,6 +280,6 @@ fn walk<T: Stored, R: Read + Seek>(
         rest = later;
     }
     // What was read beyond the last leaf belongs to others.
-    let behind = cursor.position() - bytes.len() as u64;
+    let behind = cursor.position().saturating_sub(bytes.len() as u64);
     if bytes.is_empty() { Ok(()) } else { cursor.back_to(behind.max(start)) }
 }

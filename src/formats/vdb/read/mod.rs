@@ -11,6 +11,19 @@
 //! Any input gives a result or an error. Nothing is allocated that the file cannot hold: what can be decoded from its
 //! bytes bounds every buffer, and [`VdbFile::with_memory_limit`] a grid as a whole.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::string_slice,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
 mod block;
 mod blosc;
 mod cursor;
@@ -185,7 +198,7 @@ impl<R: Read + Seek> VdbFile<R> {
             let passed = self.pass(&info, &record);
             record.end = if passed.is_ok() { self.cursor.position() } else { self.cursor.end() };
             if let Some(listed) = self.info.grids.last_mut() {
-                listed.bytes = record.end - info.bytes;
+                listed.bytes = record.end.saturating_sub(info.bytes);
             }
             readable = passed?;
         }

@@ -4,7 +4,7 @@ use std::io::{Read, Seek};
 
 use super::block::{Layout, Length, Scratch};
 use super::cursor::Cursor;
-use super::error::VdbReadError;
+use super::error::{VdbReadError, no_memory};
 use super::value::Stored;
 use crate::volume::node::Node;
 use crate::volume::shape::{LOG2_EDGE, align};
@@ -56,7 +56,7 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
     for _ in 0..tiles {
         let origin = root_origin(cursor)?;
         let tile = RootTile { origin, value: value(cursor)?, active: cursor.number(u8::from_le_bytes)? != 0 };
-        tree.root_tiles.push(tile);
+        room(&mut tree.root_tiles, 1)?.push(tile);
     }
     let mut reader = Reader { cursor, layout, scratch: Scratch::default(), block: vec![], values: vec![] };
     let mut taken = 0_u64;
@@ -69,16 +69,18 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
             let lower = reader.node(child_origin(origin, at, 2), 4096, tree.leaves.len())?;
             let leaves = lower.children.count();
             reader.cursor.require_all(leaves, 64)?;
-            taken = taken.saturating_add(lower.memory_bytes() + (leaves * size_of::<Leaf>()) as u64);
+            let list = leaves.saturating_mul(size_of::<Leaf>()) as u64;
+            taken = taken.saturating_add(lower.memory_bytes()).saturating_add(list);
             allowance.check(taken)?;
+            room(&mut tree.leaves, leaves)?;
             for at in lower.children.ones() {
                 let mut mask = [0; 8];
                 reader.cursor.mask(&mut mask)?;
                 tree.leaves.push(Leaf { origin: child_origin(lower.origin, at, 1), mask });
             }
-            tree.lowers.push(lower);
+            room(&mut tree.lowers, 1)?.push(lower);
         }
-        tree.uppers.push(upper);
+        room(&mut tree.uppers, 1)?.push(upper);
     }
     sort(&mut tree);
     let single = tree.uppers.is_sorted_by(|a, b| a.origin < b.origin)
@@ -87,6 +89,12 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
         return Err(cursor.invalid("entry of the root that is there twice"));
     }
     Ok((tree, layout))
+}
+
+/// The list, with room for more.
+fn room<T>(list: &mut Vec<T>, more: usize) -> Result<&mut Vec<T>, VdbReadError> {
+    list.try_reserve(more).map_err(|_| no_memory())?;
+    Ok(list)
 }
 
 struct Reader<'a, T, R> {
