@@ -46,7 +46,7 @@ impl Family {
 }
 
 /// Largest difference from the definition at voxels.
-const OF_PEAK: &str = "largest error over the density's peak";
+const OF_PEAK: &str = "largest error, of the density's peak";
 /// Voxels that are compared.
 const VOXELS: usize = 800;
 
@@ -65,8 +65,7 @@ pub fn families(is_wanted: &dyn Fn(&str) -> bool, goes_on: &mut dyn FnMut() -> b
             }
             marks.push(Mark::new(at, bound(at), measure(at)));
         }
-        let error =
-            if name == "light" { "error of transmittance, and of a glow over itself" } else { OF_PEAK };
+        let error = if name == "light" { "error of transmittance and glow" } else { OF_PEAK };
         found.push(Family { name, parameter, error, marks });
     }
     found

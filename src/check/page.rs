@@ -55,8 +55,8 @@ fn figure(family: &Family) -> Result<String, PlotError> {
     };
     let plot = Plot {
         name: family.name,
-        title: family.error.to_owned(),
-        axes: [Axis { label: family.parameter, format: power }, Axis { label: "error", format: power }],
+        title: capital(family.name),
+        axes: [Axis { label: family.parameter, format: power }, Axis { label: family.error, format: power }],
         series: vec![
             Series {
                 name: String::new(),
@@ -67,6 +67,12 @@ fn figure(family: &Family) -> Result<String, PlotError> {
         ],
     };
     plot.figure()
+}
+
+/// A word as it begins a line.
+fn capital(word: &str) -> String {
+    let mut letters = word.chars();
+    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
 /// A number on an axis of many powers of ten.
