@@ -126,7 +126,7 @@ fn list() -> Vec<(&'static str, &'static str, Bound, Vec<f64>, Measure)> {
         ("scale", "length of the scene, m", plain, powers(-8, 8, 1), scale),
         ("twist", "turns in 2 m, by voxels of 0.02 m", fine, powers(0, 6, 1), twist),
         ("frequency", "cells of noise a radius, unfaded", fine, powers(0, 6, 1), frequency),
-        ("slope", "change of the radius over the length", plain, powers(-2, 3, 1), slope),
+        ("slope", "change of the radius over the length", plain, powers(-2, 2, 1), slope),
         ("segments", "segments of a curve", plain, powers(0, 3, 1), segments),
     ]
 }

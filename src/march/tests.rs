@@ -418,8 +418,12 @@ radius = 0.5
         let error = difference(&truth.depth, &film.depth);
         assert!(error < 2e-3, "{error:e}");
     }
-    // Boxes hold more than cones do.
-    assert!(met > fewer && held > fewer && met <= evaluated * 21 / 20, "{met}, {held}, {fewer}");
+    // Boxes hold more than cones do, and are looked at within bricks: but for lanes that fill a last batch, no more than these.
+    let most = evaluated * 5 / 4;
+    assert!(
+        met > fewer && held > fewer && met <= most && held <= most,
+        "{met}, {held}, {fewer}, {evaluated}"
+    );
     let (mapped, _) = of(|marching| (marching.intervals, marching.map_every) = (Intervals::Cones, 2));
     assert!(difference(&cones.depth, &mapped.depth) < 1e-3);
 }

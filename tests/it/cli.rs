@@ -100,13 +100,14 @@ fn help_lists_the_commands_there_are() {
     assert_eq!(
         names,
         [
-            "bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "verify",
-            "help"
+            "bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "check",
+            "verify", "help"
         ]
     );
-    for name in
-        ["bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "verify"]
-    {
+    for name in [
+        "bake", "plan", "render", "sample", "slice", "compare", "convert", "info", "report", "check",
+        "verify",
+    ] {
         assert_eq!(code(&folder.run(&[name, "--help"])), 0);
     }
 }

@@ -16,6 +16,8 @@
 use std::io::{Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use exr::block::chunk::CompressedBlock;
+use exr::compression::Compression;
 use exr::image::{AnyChannels, FlatSamples, Layer};
 use exr::meta::MetaData;
 use exr::meta::attribute::AttributeValue;
@@ -26,6 +28,9 @@ use super::{ATTRIBUTE, Part, Samples};
 /// No byte of a file becomes more pixels than this many bytes of them: zlib makes at most 1032 of one, and none of the other
 /// compressions makes as many of what is not all alike.
 const MOST: u64 = 2048;
+
+/// Numbers at the head of a chunk of DWA compression: its version, then sizes and counts, and a way to compress.
+const DWA_COUNTERS: usize = 11;
 
 /// Why an image could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -80,8 +85,13 @@ pub fn read(mut input: impl Read + Seek, memory_limit: u64) -> Result<Vec<Part<S
     input.rewind()?;
     // The decoder is made to fail and not to panic on damaged files, which is not proven.
     let decode = AssertUnwindSafe(move || {
-        check(&MetaData::read_from_buffered(&mut input, false)?, length, memory_limit)?;
+        let meta = MetaData::read_from_buffered(&mut input, false)?;
+        check(&meta, length, memory_limit)?;
         input.rewind()?;
+        if meta.headers.iter().any(|header| is_dwa(header.compression)) {
+            check_dwa(&mut input)?;
+            input.rewind()?;
+        }
         let image = exr::prelude::read()
             .no_deep_data()
             .largest_resolution_level()
@@ -117,6 +127,44 @@ fn check(meta: &MetaData, length: u64, limit: u64) -> Result<(), ExrReadError> {
     }
     if needed > limit {
         return Err(ExrReadError::Memory { needed, limit });
+    }
+    Ok(())
+}
+
+fn is_dwa(compression: Compression) -> bool {
+    matches!(compression, Compression::DWAA(_) | Compression::DWAB(_))
+}
+
+/// Refuses chunks of DWA compression whose counters say that they hold more than the image does: the decoder takes memory for them
+/// as they say.
+fn check_dwa(input: &mut (impl Read + Seek)) -> Result<(), ExrReadError> {
+    let reader = exr::block::read(input, false)?;
+    let headers = reader.headers().to_vec();
+    for chunk in reader.all_chunks(false)? {
+        let chunk = chunk?;
+        let Some(header) = headers.get(chunk.layer_index) else { return Err(ExrReadError::Damaged) };
+        let bytes = match &chunk.compressed_block {
+            CompressedBlock::ScanLine(block) => &block.compressed_pixels_le,
+            CompressedBlock::Tile(block) => &block.compressed_pixels_le,
+            CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => continue,
+        };
+        if !is_dwa(header.compression) {
+            continue;
+        }
+        let at = header.get_block_data_indices(&chunk.compressed_block)?;
+        let size = header.get_absolute_block_pixel_coordinates(at)?.size;
+        let pixel = header.channels.bytes_per_pixel as u64;
+        // What does not shrink is stored as it is.
+        if bytes.len() as u64 == (size.area() as u64).saturating_mul(pixel) {
+            continue;
+        }
+        // Blocks of 8^2 pixels reach beyond the sides; compressed bytes may be a few more than they are of.
+        let [width, height] = [size.width(), size.height()].map(|edge| (edge as u64).saturating_add(8));
+        let most = width.saturating_mul(height).saturating_mul(pixel.max(2)).saturating_mul(2);
+        let (counters, _) = bytes.as_chunks::<8>();
+        if counters.iter().take(DWA_COUNTERS).any(|told| u64::from_le_bytes(*told) > most) {
+            return Err(ExrReadError::Damaged);
+        }
     }
     Ok(())
 }
@@ -219,6 +267,8 @@ mod tests {
             Compression::PIZ,
             Compression::PXR24,
             Compression::B44,
+            Compression::DWAA(None),
+            Compression::DWAB(None),
         ] {
             originals.push(compressed(compression, Blocks::ScanLines));
             originals.push(compressed(compression, tiles));
