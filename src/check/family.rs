@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::case::{PLAIN, probe, scene};
+use super::case::{PLAIN, probe};
 use super::cases::{FOCAL, NOISE, quadratic, stiffness};
-use super::probe::Probe;
+use super::probe::worst;
 
 /// An error over one parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -28,14 +28,26 @@ pub struct Mark {
     pub error: Option<f64>,
     /// The most that it may be.
     pub bound: f64,
-    /// Why there is not.
+    /// Why there is not: the scene is refused before memory is taken.
     pub refused: Option<String>,
+    /// What failed, where that is no refusal.
+    pub failed: Option<String>,
+}
+
+/// Why there is no error.
+pub(super) enum Miss {
+    Refused(String),
+    Failed(String),
 }
 
 impl Family {
     /// Whether no error is above its bound.
     pub fn holds(&self) -> bool {
-        self.marks.iter().all(|mark| mark.error.is_none_or(|error| error <= mark.bound))
+        let holds = |mark: &Mark| match mark.error {
+            Some(error) => error <= mark.bound,
+            None => mark.refused.is_some() && mark.failed.is_none(),
+        };
+        self.marks.iter().all(holds)
     }
 
     /// The place of the error that is the largest part of its bound.
@@ -72,15 +84,18 @@ pub fn families(is_wanted: &dyn Fn(&str) -> bool, goes_on: &mut dyn FnMut() -> b
 }
 
 impl Mark {
-    fn new(at: f64, bound: f64, error: Result<f64, String>) -> Mark {
+    fn new(at: f64, bound: f64, error: Result<f64, Miss>) -> Mark {
+        let mark = Mark { at, error: None, bound, refused: None, failed: None };
         match error {
-            Ok(error) => Mark { at, error: Some(error), bound, refused: None },
-            Err(refused) => Mark { at, error: None, bound, refused: Some(refused) },
+            Ok(error) if error.is_finite() => Mark { error: Some(error), ..mark },
+            Ok(error) => Mark { failed: Some(format!("an error of {error}")), ..mark },
+            Err(Miss::Refused(why)) => Mark { refused: Some(why), ..mark },
+            Err(Miss::Failed(why)) => Mark { failed: Some(why), ..mark },
         }
     }
 }
 
-type Measure = fn(f64) -> Result<f64, String>;
+type Measure = fn(f64) -> Result<f64, Miss>;
 
 type Bound = fn(f64) -> f64;
 
@@ -131,12 +146,13 @@ fn list() -> Vec<(&'static str, &'static str, Bound, Vec<f64>, Measure)> {
     ]
 }
 
-fn deviation(text: &str, voxel_size: f64, beside_jumps: f64) -> Result<f64, String> {
-    let found = probe(text, voxel_size)?.deviation(VOXELS, beside_jumps)?;
+fn deviation(text: &str, voxel_size: f64, beside_jumps: f64) -> Result<f64, Miss> {
+    let probe = probe(text, voxel_size).map_err(Miss::Refused)?;
+    let found = probe.deviation(VOXELS, beside_jumps).map_err(Miss::Failed)?;
     if found.peak > 0.0 {
-        Ok(found.largest.max(found.lost) / found.peak)
+        Ok(worst(found.largest, found.lost) / found.peak)
     } else {
-        Err("no density".to_owned())
+        Err(Miss::Failed("no density was found".to_owned()))
     }
 }
 
@@ -144,42 +160,42 @@ fn noisy(radius: f64) -> String {
     format!("radius = {radius:?}\n{NOISE}")
 }
 
-fn bend(rise: f64) -> Result<f64, String> {
+fn bend(rise: f64) -> Result<f64, Miss> {
     deviation(&quadratic(&[[0.0, 0.0, -1.0], [rise, 0.0, 0.0], [0.0, 0.0, 1.0]], &noisy(0.2)), 0.02, 0.0)
 }
 
 /// Of the parabola x -> (1 - x^2) / 2 from -1 to 1, whose curvature is 1 in the middle.
-fn curvature(product: f64) -> Result<f64, String> {
+fn curvature(product: f64) -> Result<f64, Miss> {
     let points = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
     deviation(&quadratic(&points, &noisy(product)), 0.04 * product.max(0.5), 0.0)
 }
 
-fn shift(metres: f64) -> Result<f64, String> {
+fn shift(metres: f64) -> Result<f64, Miss> {
     let points = [[0.0, 0.0, -1.0], [0.7, 0.2, 0.0], [0.0, 0.0, 1.0]].map(|point| point.map(|x| x + metres));
     deviation(&quadratic(&points, &noisy(0.25)), 0.02, 0.0)
 }
 
-fn scale(length: f64) -> Result<f64, String> {
+fn scale(length: f64) -> Result<f64, Miss> {
     let unit = 0.5 * length;
     let points = [[0.0, 0.0, -1.0], [0.7, 0.2, 0.0], [0.0, 0.0, 1.0]].map(|point| point.map(|x| x * unit));
     deviation(&quadratic(&points, &noisy(0.25 * unit)), 0.02 * unit, 0.0)
 }
 
-fn twist(turns: f64) -> Result<f64, String> {
+fn twist(turns: f64) -> Result<f64, Miss> {
     let points = [[0.0, 0.0, -1.0], [0.7, 0.2, 0.0], [0.0, 0.0, 1.0]];
     let rest = format!("radius = 0.25\ntwist = {turns:?}\n[[tube.layer]]\nop = \"add\"\noctaves = 2");
     let text = format!("[bake]\noctave_fade = false\n{}", quadratic(&points, &rest));
     deviation(&text, 0.02, 0.0)
 }
 
-fn frequency(cells: f64) -> Result<f64, String> {
+fn frequency(cells: f64) -> Result<f64, Miss> {
     let points = [[0.0, 0.0, -1.0], [0.7, 0.2, 0.0], [0.0, 0.0, 1.0]];
     let rest = format!("radius = 0.25\n[[tube.layer]]\nop = \"add\"\noctaves = 1\nfrequency = {cells:?}");
     let text = format!("[bake]\noctave_fade = false\n{}", quadratic(&points, &rest));
     deviation(&text, 0.02, 0.0)
 }
 
-fn slope(slope: f64) -> Result<f64, String> {
+fn slope(slope: f64) -> Result<f64, Miss> {
     let half = 0.2 / slope;
     let points = [[0.0, 0.0, -half], [0.0; 3], [0.0, 0.0, half]];
     let text = quadratic(&points, "radius = [[0, 0.01], [1, 0.41]]\ncaps = \"flat\"");
@@ -187,7 +203,7 @@ fn slope(slope: f64) -> Result<f64, String> {
 }
 
 /// A helix of so many segments.
-fn segments(count: f64) -> Result<f64, String> {
+fn segments(count: f64) -> Result<f64, Miss> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "up to a thousand")]
     let last = 2 * count as u32;
     let points: Vec<[f64; 3]> = (0..=last)
@@ -197,8 +213,5 @@ fn segments(count: f64) -> Result<f64, String> {
         })
         .collect();
     // Joints of this polygon's segments are not smooth: the corners between them are part of the definition.
-    let found =
-        Probe::new(scene(&quadratic(&points, &noisy(0.1)))?, 0.02).map_err(|error| error.to_string())?;
-    let found = found.deviation(VOXELS / 2, 0.0)?;
-    Ok(found.largest.max(found.lost) / found.peak)
+    deviation(&quadratic(&points, &noisy(0.1)), 0.02, 0.0)
 }

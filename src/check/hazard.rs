@@ -1,8 +1,9 @@
 //! What of a scene is hazardous, before it is baked.
 
+use std::f64::consts::TAU;
+
 use serde::Serialize;
 
-use crate::curve::Curve;
 use crate::field::Lattice;
 use crate::num::Level;
 use crate::report::{Look, Survey, TrialError};
@@ -19,9 +20,11 @@ const SAMPLE: usize = 512;
 const NYQUIST: f64 = 0.5;
 
 /// A hazard of a scene, at its place in the text.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Hazard {
     kind: &'static str,
+    /// How bad it is, among those of its kind.
+    size: f64,
     remark: Remark,
 }
 
@@ -41,6 +44,11 @@ impl Hazard {
         self.remark.weight()
     }
 
+    /// Whether it is worse than the same one at another time.
+    pub fn is_worse(&self, other: &Hazard) -> bool {
+        (self.weight(), self.size) > (other.weight(), other.size)
+    }
+
     /// Whether it is the same, though perhaps worse, as at another time of the scene.
     pub fn is_same(&self, other: &Hazard) -> bool {
         let place = |hazard: &Hazard| (hazard.remark.fault().line(), hazard.remark.fault().column());
@@ -51,7 +59,7 @@ impl Hazard {
 /// What is expected of a bake.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Expectation {
-    /// Relative L2 error of trilinear values; null where there is no density.
+    /// Relative L2 error of trilinear values; null where no point met any density.
     pub relative_l2: Option<f64>,
     /// 95 % interval of it.
     pub interval: Option<[f64; 2]>,
@@ -109,8 +117,9 @@ pub fn expectation(
     let part = |x: f64, of: f64| if of > 0.0 { x / of } else { 0.0 };
     #[allow(clippy::cast_precision_loss, reason = "a share")]
     Ok(Expectation {
-        relative_l2: errors.l2.of_rms,
-        interval: intervals.and_then(|held| held.relative_l2),
+        // Where no point met density, an error of 0 would be none.
+        relative_l2: errors.l2.of_rms.filter(|_| errors.peak > 0.0),
+        interval: intervals.and_then(|held| held.relative_l2).filter(|_| errors.peak > 0.0),
         peak: peak.max(errors.peak),
         several_feet: part(tally.several_feet_voxels as f64, tally.inside_voxels as f64),
         lost_mass: part(rest.lost, rest.rest),
@@ -127,25 +136,23 @@ pub fn hazards_expected(
 ) -> Vec<Hazard> {
     let tubes = [Key::Name("tube")];
     let mut found = Vec::new();
-    let mut say = |kind, weight, keys: &[Key<'_>], title: String, help: &str| {
+    let mut say = |(kind, weight, size): (_, Weight, f64), keys: &[Key<'_>], title: String, help: &str| {
         let remark = scene.remark(weight, keys, title, String::new(), help.to_owned());
-        found.push(Hazard { kind, remark });
+        found.push(Hazard { kind, size, remark });
     };
     let in_half = |weight| if precision == Precision::F16 { weight } else { Weight::Note };
     if expected.lost_mass > 1e-4 {
         let weight = if expected.lost_mass > 0.01 { Weight::Serious } else { Weight::Warning };
         say(
-            "lost mass",
-            weight,
+            ("lost mass", weight, expected.lost_mass),
             &tubes,
             format!("{} of the mass at rest is lost", percent(expected.lost_mass)),
-            "it lies past the focal set of a bend, or where a radius is 0: bend less, or make the tube thinner there",
+            "it lies past the focal set of a bend (bend less, or make the tube thinner there), or where a radius is 0",
         );
     }
     if expected.faded_mass > 0.01 {
         say(
-            "faded mass",
-            Weight::Warning,
+            ("faded mass", Weight::Warning, expected.faded_mass),
             &tubes,
             format!("{} of the mass at rest is faded out beside a focal set", percent(expected.faded_mass)),
             "bend less, or make the tube thinner there",
@@ -153,8 +160,7 @@ pub fn hazards_expected(
     }
     if expected.several_feet > 0.01 {
         say(
-            "overlap",
-            Weight::Note,
+            ("overlap", Weight::Note, expected.several_feet),
             &tubes,
             format!(
                 "{} of the voxels are reached by a tube from several sides",
@@ -165,47 +171,42 @@ pub fn hazards_expected(
     }
     if expected.peak > f64::from(LARGEST_F16) {
         say(
-            "half range",
-            in_half(Weight::Serious),
+            ("half range", in_half(Weight::Serious), expected.peak),
             &tubes,
             format!("densities of {} and more", figure(expected.peak)),
             "half precision ends at 65504: use --precision f32, or smaller values and more `extinction`",
         );
     } else if expected.peak > 0.0 && expected.peak < 6.1e-5 {
         say(
-            "half range",
-            in_half(Weight::Serious),
+            ("half range", in_half(Weight::Serious), -expected.peak),
             &tubes,
             format!("no density above {}", figure(expected.peak)),
             "half precision is off by 3e-8: use --precision f32, or larger values and less `extinction`",
         );
     } else if expected.peak <= 0.0 && !scene.tubes().is_empty() {
         say(
-            "no density",
-            Weight::Serious,
+            ("no density", Weight::Serious, 0.0),
             &tubes,
             "no density was found in the bricks that were tried".to_owned(),
-            "layers may leave nothing: look at `threshold`, `multiplier` and `octaves`",
+            "what is thinner than a voxel may lie between centres, and layers may leave nothing: see `widen`, `threshold`, `multiplier`, `octaves`",
         );
     }
     if let Some(error) = expected.relative_l2.filter(|error| *error > 0.2) {
         say(
-            "error",
-            Weight::Warning,
+            ("error", Weight::Warning, error),
             &[Key::Name("bake")],
             format!(
                 "voxels of {} m miss {} of the density (relative L2)",
                 figure(lattice.voxel_size),
                 percent(error)
             ),
-            "`bake --max-error` finds voxels for an error; fewer octaves need fewer of them",
+            "smaller voxels miss less (`bake --max-error` finds them), fewer octaves need fewer; hard edges keep some of it however small they are",
         );
     }
     let depth = scene.medium().extinction * expected.peak * lattice.voxel_size;
     if depth > 1.5 {
         say(
-            "stiff shadows",
-            if depth > 10.0 { Weight::Warning } else { Weight::Note },
+            ("stiff shadows", if depth > 10.0 { Weight::Warning } else { Weight::Note }, depth),
             &[Key::Name("medium"), Key::Name("extinction")],
             format!("an optical depth of up to {} in a voxel", figure(depth)),
             "tabled shadows are off by 13 % at 2 a voxel and 37 % at 10: draw it with --shadow exact, or with smaller voxels",
@@ -242,7 +243,7 @@ struct Place {
 impl On<'_> {
     fn say(
         &self,
-        (kind, weight): (&'static str, Weight),
+        (kind, weight, size): (&'static str, Weight, f64),
         keys: &[Key<'_>],
         title: String,
         label: String,
@@ -251,32 +252,59 @@ impl On<'_> {
         let tube = [Key::Name("tube"), Key::Number(self.number)];
         let keys = [tube.as_slice(), keys].concat();
         let title = format!("tube \"{}\": {title}", self.tube.name);
-        Hazard { kind, remark: self.scene.remark(weight, &keys, title, label, help.into()) }
+        Hazard { kind, size, remark: self.scene.remark(weight, &keys, title, label, help.into()) }
     }
 
     /// Places along the axis, evenly in each segment's parameter.
     fn places(&self) -> impl Iterator<Item = Place> + '_ {
         let curve = &self.tube.curve;
         let each = (MOST_PLACES / curve.segments().len().max(1)).clamp(1, PLACES);
-        curve.segments().iter().enumerate().flat_map(move |(number, segment)| {
+        (0..curve.segments().len()).flat_map(move |number| {
             #[allow(clippy::cast_precision_loss, reason = "small")]
             let places =
                 (0..=each).map(move |k| (k as f64 + 0.5 * f64::from(u8::from(each == 1))) / each as f64);
-            places.filter(|t| *t <= 1.0).map(move |t| {
-                let (d1, d2) = (segment.d1(t), segment.d2(t));
-                let speed = d1.length();
-                let s = curve.arc_length(number, t);
-                let radius = self.tube.radius.at((s / curve.length()).clamp(0.0, 1.0));
-                Place { s, curvature: d1.cross(d2).length() / (speed * speed * speed), radius }
-            })
+            places.filter(|t| *t <= 1.0).map(move |t| self.place(number, t))
         })
+    }
+
+    fn place(&self, number: usize, t: f64) -> Place {
+        let curve = &self.tube.curve;
+        let segment = &curve.segments()[number];
+        let (d1, d2) = (segment.d1(t), segment.d2(t));
+        let speed = d1.length();
+        let s = curve.arc_length(number, t);
+        let radius = self.tube.radius.at((s / curve.length()).clamp(0.0, 1.0));
+        Place { s, curvature: d1.cross(d2).length() / (speed * speed * speed), radius }
     }
 
     /// Where the axis bends more sharply than the tube is thick.
     fn bends(&self) -> Option<Hazard> {
+        let curve = &self.tube.curve;
         let product = |place: &Place| place.curvature * place.radius;
+        let slowest = (0..curve.segments().len()).filter_map(|number| {
+            let segment = &curve.segments()[number];
+            // A sharp bend is where the curve is slow, and how sharp it is shows nowhere else.
+            let t = least(|t| segment.d1(t).length_squared());
+            let speed = segment.d1(t).length();
+            let most =
+                [0.0, 0.25, 0.5, 0.75, 1.0].map(|t| segment.d1(t).length()).into_iter().fold(0.0, f64::max);
+            let is_cusp = speed < 1e-6 * most && t > 1e-6 && t < 1.0 - 1e-6;
+            Some((self.place(number, t), is_cusp))
+                .filter(|(place, is_cusp)| *is_cusp || product(place).is_finite())
+        });
+        let slowest: Vec<(Place, bool)> = slowest.collect();
+        if let Some((cusp, _)) = slowest.iter().find(|(_, is_cusp)| *is_cusp) {
+            return Some(self.say(
+                ("cusp", Weight::Warning, 1.0),
+                &[Key::Name("curve")],
+                "the curve stops and turns back".to_owned(),
+                format!("at {} m along the curve of {} m", figure(cusp.s), figure(curve.length())),
+                "there it has a corner of half a turn, and the tube a round end; move the point beside it",
+            ));
+        }
         let worst = self
             .places()
+            .chain(slowest.into_iter().map(|(place, _)| place))
             .filter(|place| product(place).is_finite())
             .max_by(|a, b| product(a).total_cmp(&product(b)))?;
         let most = product(&worst);
@@ -286,10 +314,10 @@ impl On<'_> {
             _ => return None,
         };
         Some(self.say(
-            ("curvature", weight),
+            ("curvature", weight, most),
             &[Key::Name("curve")],
             format!("curvature times radius is up to {}", figure(most)),
-            format!("at {} m along the curve of {} m", figure(worst.s), figure(self.tube.curve.length())),
+            format!("at {} m along the curve of {} m", figure(worst.s), figure(curve.length())),
             if most >= 1.0 {
                 format!(
                     "above 1 the inner side folds over itself and is lost; a radius below {} m there keeps it",
@@ -303,12 +331,12 @@ impl On<'_> {
 
     /// Joints that are not smooth.
     fn corners(&self) -> Option<Hazard> {
-        let curve: &Curve = &self.tube.curve;
+        let curve = &self.tube.curve;
         let turns = (0..curve.segments().len()).map(|joint| (joint, curve.turn(joint)));
         let sharp: Vec<(usize, f64)> = turns.filter(|(_, turn)| *turn > 0.2).collect();
         let (joint, turn) = sharp.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
         Some(self.say(
-            ("corners", if turn > 3.0 { Weight::Warning } else { Weight::Note }),
+            ("corners", if turn > 3.0 { Weight::Warning } else { Weight::Note }, turn),
             &[Key::Name("curve")],
             format!("{} of {} joints are corners", sharp.len(), curve.segments().len()),
             format!(
@@ -334,7 +362,7 @@ impl On<'_> {
             (false, _) => Weight::Warning,
         };
         Some(self.say(
-            ("thin", weight),
+            ("thin", weight, -voxels),
             &[Key::Name("radius")],
             format!("a radius of {} voxels", figure(voxels)),
             format!("at {} m along the curve", figure(thinnest.s)),
@@ -349,21 +377,37 @@ impl On<'_> {
         ))
     }
 
-    /// Radii that change faster than a cone of 45 degrees.
+    /// Radii that change faster than a cone of 45 degrees, or jump.
     fn slopes(&self) -> Option<Hazard> {
-        let places: Vec<Place> = self.places().collect();
-        let slope = |pair: &[Place]| ((pair[1].radius - pair[0].radius) / (pair[1].s - pair[0].s)).abs();
-        let pair = places
-            .windows(2)
-            .filter(|pair| pair[1].s > pair[0].s)
-            .max_by(|a, b| slope(a).total_cmp(&slope(b)))?;
+        /// As near to a place as two radii are looked at, in lengths of the curve.
+        const BESIDE: f64 = 1e-9;
+        let (length, radius) = (self.tube.curve.length(), &self.tube.radius);
+        let jump = |knot: &f64| radius.at((knot + BESIDE).min(1.0)) - radius.at((knot - BESIDE).max(0.0));
+        let jumps = radius.knots().iter().filter(|knot| (BESIDE..1.0 - BESIDE).contains(*knot));
+        let knot = jumps.max_by(|a, b| jump(a).abs().total_cmp(&jump(b).abs()));
+        if let Some(knot) = knot.filter(|knot| jump(knot).abs() > 0.05 * radius.max()) {
+            return Some(self.say(
+                ("jump", Weight::Note, jump(knot).abs()),
+                &[Key::Name("radius")],
+                format!("the radius jumps by {} m", figure(jump(knot))),
+                format!("at {} m along the curve", figure(knot * length)),
+                "the tube ends in a plate there; two keys at different places make a slope",
+            ));
+        }
+        let mut places: Vec<f64> = self.places().map(|place| place.s / length).collect();
+        places.extend(radius.knots());
+        places.sort_by(f64::total_cmp);
+        places.dedup_by(|a, b| *a - *b <= BESIDE);
+        let slope =
+            |pair: &[f64]| ((radius.at(pair[1]) - radius.at(pair[0])) / ((pair[1] - pair[0]) * length)).abs();
+        let pair = places.windows(2).max_by(|a, b| slope(a).total_cmp(&slope(b)))?;
         let most = slope(pair);
         (most > 2.0).then(|| {
             self.say(
-                ("steep", Weight::Note),
+                ("steep", Weight::Note, most),
                 &[Key::Name("radius")],
                 format!("the radius changes by {} m a metre", figure(most)),
-                format!("at {} m along the curve", figure(pair[0].s)),
+                format!("at {} m along the curve", figure(pair[0] * length)),
                 "a disc across the axis is the tube there, however steep: it looks like a plate, not like a bulge",
             )
         })
@@ -375,7 +419,7 @@ impl On<'_> {
         let turns = self.tube.twist.abs() * self.h / self.tube.curve.length();
         (is_cut && turns > 0.125).then(|| {
             self.say(
-                ("twist", if turns > 0.25 { Weight::Serious } else { Weight::Warning }),
+                ("twist", if turns > 0.25 { Weight::Serious } else { Weight::Warning }, turns),
                 &[Key::Name("twist")],
                 format!("{} turns in a voxel", figure(turns)),
                 "sectors have two planes a turn".to_owned(),
@@ -396,7 +440,7 @@ impl On<'_> {
             let aliased = fine(NYQUIST);
             return (aliased > 0).then(|| {
                 self.say(
-                    ("aliasing", Weight::Serious),
+                    ("aliasing", Weight::Serious, last),
                     &key("octaves"),
                     format!("{aliased} of {} octaves alias", sum.octaves),
                     format!("up to {} cells a voxel", figure(last)),
@@ -410,7 +454,7 @@ impl On<'_> {
         let faded = fine(1.6);
         (faded > 0).then(|| {
             self.say(
-                ("octaves", if faded == sum.octaves as usize { Weight::Serious } else { Weight::Note }),
+                ("octaves", if faded == sum.octaves as usize { Weight::Serious } else { Weight::Note }, last),
                 &key("octaves"),
                 format!("{faded} of {} octaves fade out", sum.octaves),
                 format!("up to {} cells a voxel", figure(last)),
@@ -419,18 +463,38 @@ impl On<'_> {
         })
     }
 
-    /// Cells of a pattern's first octave a voxel where the tube is widest, on its axis or, in the world, anywhere.
+    /// Cells of a pattern's first octave a voxel where the tube is widest, half a radius from its axis or, in the world, anywhere:
+    /// the larger singular value of how fast the pattern's coordinates change across the tube, around it by twist, and along it.
     fn cells(&self, space: Space, frequency: [f64; 3]) -> f64 {
         let [u, v, l] = frequency;
         match space {
             Space::World => self.h * u.max(v).max(l),
             Space::Cylinder => {
+                let length = self.tube.curve.length();
                 let across = u.max(v) / self.tube.radius.max();
-                let along = if self.tube.stretch { l / self.tube.curve.length() } else { l };
-                self.h * across.max(along)
+                let along = if self.tube.stretch { l / length } else { l };
+                let around = 0.5 * TAU * self.tube.twist * u.max(v) / length;
+                // Of [[across, around], [0, along]].
+                let sum = across * across + around * around + along * along;
+                let product = across * along;
+                let root = (sum * sum - 4.0 * product * product).max(0.0).sqrt();
+                self.h * (0.5 * (sum + root)).sqrt()
             }
         }
     }
+}
+
+/// Where a function of t from 0 to 1 is least: by 64 places, and golden sections around the least of them.
+fn least(f: impl Fn(f64) -> f64) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let places = (0..=64).map(|k| f64::from(k) / 64.0);
+    let best = places.min_by(|a, b| f(*a).total_cmp(&f(*b))).unwrap_or_default();
+    let (mut low, mut high) = ((best - 1.0 / 64.0).max(0.0), (best + 1.0 / 64.0).min(1.0));
+    for _ in 0..80 {
+        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        if f(a) < f(b) { high = b } else { low = a }
+    }
+    0.5 * (low + high)
 }
 
 /// Light that ends within a voxel, whatever the density.
@@ -441,7 +505,7 @@ fn extinction(scene: &Scene, h: f64) -> Option<Hazard> {
         let help = "pictures show a surface of voxels: smaller ones, or less extinction, show a volume";
         let keys = [Key::Name("medium"), Key::Name("extinction")];
         let remark = scene.remark(Weight::Warning, &keys, title, String::new(), help.to_owned());
-        Hazard { kind: "stiff", remark }
+        Hazard { kind: "stiff", size: depth, remark }
     })
 }
 

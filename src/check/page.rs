@@ -86,22 +86,22 @@ fn refusals(families: &[Family]) -> Markup {
         .iter()
         .flat_map(|family| {
             family.marks.iter().filter_map(|mark| {
-                Some(format!("{} at {}: {}", family.name, power(mark.at), mark.refused.as_ref()?))
+                let why = mark.failed.as_ref().or(mark.refused.as_ref())?;
+                Some(format!("{} at {}: {why}", family.name, power(mark.at)))
             })
         })
         .collect();
-    html! { @if !refused.is_empty() { p.note { "Refused: " (refused.join("; ")) "." } } }
+    html! { @if !refused.is_empty() { p.note { "Refused before memory is taken:" } ul.note { @for line in &refused { li { (line) } } } } }
 }
 
 fn table(cases: &[Outcome]) -> Markup {
     html! {
         div.scroll { table {
-            thead { tr { th {} th { "case" } th { "found" } th { "at most" } th { "of that" } th.wide { "expected" } } }
+            thead { tr { th { "case" } th.wide { "found" } th { "at most" } th { "part of it" } th.wide { "expected" } } }
             tbody { @for case in cases {
                 tr.front[!case.holds] {
-                    td { (case.group) }
-                    th scope="row" { @if !case.holds { "does not hold: " } (case.name) }
-                    td { (case.found) }
+                    th.wide scope="row" { (case.group) ": " @if !case.holds { "does not hold: " } (case.name) }
+                    td.wide { (case.found) }
                     td { (case.bound.map(power).unwrap_or_default()) }
                     td { (case.margin.map(words::figure).unwrap_or_default()) }
                     td.wide { (case.expected) }

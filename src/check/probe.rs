@@ -103,14 +103,14 @@ impl Probe {
             .map(|(origin, number)| voxel_of(origin, number))
             .filter(|voxel| beside_jumps == 0.0 || !self.jumps_near(&reference, *voxel, beside_jumps))
             .map(|voxel| reference.density(self.centre(voxel)))
-            .reduce(|| 0.0, f64::max);
+            .reduce(|| 0.0, worst);
         let squares: f64 = pairs.iter().map(|[a, b]| (a - b) * (a - b)).sum();
         let largest = pairs.iter().map(|[a, b]| (a - b).abs());
         #[allow(clippy::cast_precision_loss, reason = "a few thousand")]
         Ok(Deviation {
-            largest: largest.fold(0.0, |most, x| if x <= most { most } else { x }),
+            largest: largest.fold(0.0, worst),
             rms: (squares / pairs.len().max(1) as f64).sqrt(),
-            peak: pairs.iter().map(|[_, truth]| *truth).fold(0.0, f64::max),
+            peak: pairs.iter().map(|[_, truth]| *truth).fold(0.0, worst),
             lost,
             compared: pairs.len(),
         })
@@ -130,6 +130,11 @@ impl Probe {
             })
         })
     }
+}
+
+/// The larger; no number where one is none.
+pub(super) fn worst(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
 
 /// Streams of random numbers.

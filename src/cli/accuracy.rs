@@ -52,7 +52,7 @@ pub(super) struct AccuracyOptions {
     /// What that error is [default: l2]
     #[arg(long, value_enum, value_name = "METRIC", requires = "max_error")]
     error_metric: Option<MetricName>,
-    /// The most bytes that the file may take, such as 200MB: the smallest voxels with which it does not take more; with
+    /// The most bytes that the file may take, such as 200MB: nearly the smallest voxels with which it does not take more; with
     /// --max-error the error decides, and a bake that would take more is refused
     #[arg(long, value_name = "SIZE", conflicts_with_all = ["voxel_size", "resolution", "frames"],
         allow_negative_numbers = true)]

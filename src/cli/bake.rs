@@ -133,6 +133,11 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     }
     let chosen =
         pool.install(|| arguments.accuracy.choose(&mut source, moments[0], options, || interrupt.check()))?;
+    if chosen.measures() {
+        for moment in &moments {
+            Output::check(&certify::beside(&names.path(&source.start, moment.frame)))?;
+        }
+    }
     let mut progress = Progress::new(moments.len(), global.quiet);
     let (mut bytes, started) = (0, Instant::now());
     let mut told = BTreeSet::new();

@@ -14,7 +14,7 @@ use super::sample::unplanned;
 use super::{Failure, Global, failure, text};
 use crate::check::{
     Case, Expectation, Family, Hazard, Outcome, catalogue, expectation, families, hazards, hazards_expected,
-    page, sorted,
+    page,
 };
 use crate::num::Level;
 use crate::report::TrialError;
@@ -78,6 +78,8 @@ struct SceneReport {
 #[derive(Debug, Serialize)]
 struct HazardReport {
     kind: &'static str,
+    /// Of a sequence, where it is worst.
+    frame: Option<i64>,
     severity: &'static str,
     line: usize,
     column: usize,
@@ -103,25 +105,25 @@ fn of_scene(path: &Path, arguments: &Arguments, global: &Global) -> Result<(), F
     let moments = options.moments(&source)?;
     progress.begin(moments.len());
     let mut reports: Vec<SceneReport> = Vec::new();
-    let mut hazards: Vec<Hazard> = Vec::new();
+    let mut hazards: Vec<(Hazard, Option<i64>)> = Vec::new();
     for moment in &moments {
         let (report, found) = pool.install(|| at(&source, *moment, options, &interrupt))?;
         reports.push(report);
         // Of all frames, each hazard where it is worst.
         for hazard in found {
-            match hazards.iter_mut().find(|known| known.is_same(&hazard)) {
-                Some(known) if known.weight() >= hazard.weight() => {}
-                Some(known) => *known = hazard,
-                None => hazards.push(hazard),
+            match hazards.iter_mut().find(|(known, _)| known.is_same(&hazard)) {
+                Some((known, _)) if !hazard.is_worse(known) => {}
+                Some(known) => *known = (hazard, moment.frame),
+                None => hazards.push((hazard, moment.frame)),
             }
         }
         progress.advance(1);
     }
     drop(progress);
-    let hazards = sorted(hazards);
+    hazards.sort_by_key(|(hazard, _)| std::cmp::Reverse(hazard.weight()));
     let report = Hazards { hazards: hazards.iter().map(HazardReport::new).collect(), moments: reports };
     global.show(&report, |report| human_scene(report, &hazards))?;
-    let serious = hazards.iter().filter(|hazard| hazard.weight() == Weight::Serious).count();
+    let serious = hazards.iter().filter(|(hazard, _)| hazard.weight() == Weight::Serious).count();
     if serious == 0 {
         return Ok(());
     }
@@ -168,10 +170,11 @@ fn cannot(error: TrialError) -> Failure {
 }
 
 impl HazardReport {
-    fn new(hazard: &Hazard) -> HazardReport {
+    fn new((hazard, frame): &(Hazard, Option<i64>)) -> HazardReport {
         let fault = hazard.remark().fault();
         HazardReport {
             kind: hazard.kind(),
+            frame: *frame,
             severity: match hazard.weight() {
                 Weight::Serious => "serious",
                 Weight::Warning => "warning",
@@ -185,10 +188,23 @@ impl HazardReport {
     }
 }
 
-fn human_scene(report: &Hazards, hazards: &[Hazard]) -> String {
+fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)]) -> String {
     let coloured = failure::colours_out();
-    let mut out: String =
-        hazards.iter().map(|hazard| format!("{}\n\n", hazard.remark().show(coloured))).collect();
+    let show = |(hazard, frame): &(Hazard, Option<i64>)| {
+        let frame = frame.map_or_else(String::new, |frame| {
+            format!(
+                "
+  = worst at frame {frame}"
+            )
+        });
+        format!(
+            "{}{frame}
+
+",
+            hazard.remark().show(coloured)
+        )
+    };
+    let mut out: String = hazards.iter().map(show).collect();
     let mut table = text::Table::default();
     for moment in &report.moments {
         let frame = moment.frame.map_or_else(String::new, |frame| format!(", frame {frame}"));
@@ -205,7 +221,7 @@ fn human_scene(report: &Hazards, hazards: &[Hazard]) -> String {
 }
 
 fn error(expected: &Expectation) -> String {
-    let Some(error) = expected.relative_l2 else { return "none: there is no density".to_owned() };
+    let Some(error) = expected.relative_l2 else { return "unknown: no density was met".to_owned() };
     let held = expected
         .interval
         .map_or_else(String::new, |[low, high]| format!(" ({} to {})", text::short(low), text::short(high)));
@@ -213,8 +229,8 @@ fn error(expected: &Expectation) -> String {
 }
 
 /// How many there are of each weight.
-fn tally(hazards: &[Hazard]) -> String {
-    let of = |weight| hazards.iter().filter(|hazard| hazard.weight() == weight).count() as u64;
+fn tally(hazards: &[(Hazard, Option<i64>)]) -> String {
+    let of = |weight| hazards.iter().filter(|(hazard, _)| hazard.weight() == weight).count() as u64;
     let [serious, warnings, notes] = [Weight::Serious, Weight::Warning, Weight::Note].map(of);
     format!("{serious} serious, {}, {}", text::number(warnings, "warning"), text::number(notes, "note"))
 }

@@ -1,7 +1,7 @@
 //! `vdbake report`: what each accuracy of a scene costs.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 
@@ -86,6 +86,7 @@ impl Form {
 
 /// Reports.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
+    let begun = Instant::now();
     let form = Form::of(&arguments.output)?;
     let interrupt = Interrupt::listen()?;
     check(form, &arguments.output)?;
@@ -96,7 +97,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         global.warn_of(scene.warnings());
         let report = measure(arguments, &scene, lattice, global, &interrupt)?;
         interrupt.check()?;
-        let files = files(form, &report, arguments, &scene, lattice, &interrupt)?;
+        let files = files(form, &report, arguments, &scene, lattice, &interrupt, begun)?;
         Ok::<_, Failure>((report, files))
     });
     let (report, files) = files?;
@@ -124,6 +125,7 @@ fn files(
     scene: &Scene,
     lattice: Lattice,
     interrupt: &Interrupt,
+    begun: Instant,
 ) -> Result<Vec<(PathBuf, Vec<u8>)>, Failure> {
     let output = &arguments.output;
     let json = || {
@@ -148,10 +150,13 @@ fn files(
                 files.push((beside(output, plot.name, "svg"), plot.svg.into_bytes()));
                 files.push((beside(output, plot.name, "png"), plot.png));
             }
-            let more = section(&families(&|_| true, &mut goes_on)).map_err(drawn)?;
+            // What there is no time for is left out, as it is of the sweep.
+            let mut in_time =
+                || interrupt.check().is_ok() && begun.elapsed().as_secs_f64() < arguments.time_limit;
+            let stability = families(&|_| true, &mut in_time);
             interrupt.check()?;
-            let page =
-                page(report, &arguments.scene.display().to_string(), &shots, vec![more]).map_err(drawn)?;
+            let more = if stability.is_empty() { vec![] } else { vec![section(&stability).map_err(drawn)?] };
+            let page = page(report, &arguments.scene.display().to_string(), &shots, more).map_err(drawn)?;
             files.push((output.clone(), page.into_bytes()));
             Ok(files)
         }

@@ -52,7 +52,8 @@ impl Remark {
     pub fn show(&self, coloured: bool) -> String {
         let level = match self.weight {
             Weight::Note => Level::NOTE,
-            Weight::Warning | Weight::Serious => Level::WARNING,
+            Weight::Warning => Level::WARNING,
+            Weight::Serious => Level::ERROR.with_name("serious"),
         };
         self.errors.show(level, coloured)
     }

@@ -37,7 +37,36 @@ fn a_catalogue_in_json_has_errors_bounds_and_levels() {
 }
 
 /// A scene with one hazard, the word for it, its severity and line.
-const HAZARDS: [(&str, &str, &str, u64, &str); 8] = [
+const HAZARDS: [(&str, &str, &str, u64, &str); 12] = [
+    (
+        "octaves",
+        "serious",
+        "no density",
+        7,
+        "[bake]\nresolution = 64\n[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\ntwist = 10000\n[[tube.layer]]\noctaves = 1\n",
+    ),
+    (
+        "cusp",
+        "warning",
+        "lost mass, faded mass",
+        2,
+        "[[tube]]\ncurve = { kind = \"cubic\", points = [[0, 0, 0], [1, 1, 0], [0, 1, 0], [1, 0, 0]] }\nradius = 0.1\n",
+    ),
+    // Seven hundred times as sharp as it is thick, in a thousandth of the curve.
+    (
+        "curvature",
+        "warning",
+        "lost mass, faded mass",
+        2,
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [0.05, 0, 2], [0, 0, 0.5]] }\nradius = 0.02\n",
+    ),
+    (
+        "jump",
+        "note",
+        "",
+        3,
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = [[0, 0.1], [0.5, 0.1], [0.5, 0.3], [1, 0.3]]\n",
+    ),
     (
         "curvature",
         "warning",
@@ -111,11 +140,51 @@ fn each_hazard_is_found_at_its_place() {
         assert!(found["change"].as_array().is_some_and(|change| !change.is_empty()));
         let others: Vec<_> =
             hazards.iter().filter(|hazard| hazard["severity"] != "note" && hazard["kind"] != kind).collect();
-        let is_expected = |hazard: &&&Value| hazard["kind"] == beside || hazard["kind"] == "error";
-        assert!(others.iter().all(|hazard| is_expected(&hazard)), "{kind}: {others:?}");
+        let is_expected = |hazard: &Value| {
+            hazard["kind"].as_str().is_some_and(|kind| kind == "error" || beside.contains(kind))
+        };
+        assert!(others.iter().all(|hazard| is_expected(hazard)), "{kind}: {others:?}");
         let is_serious = hazards.iter().any(|hazard| hazard["severity"] == "serious");
         assert_eq!(code(&output), if is_serious { 4 } else { 0 }, "{kind}");
     }
+}
+
+#[test]
+fn curvature_is_found_where_it_is_sharpest() {
+    // Of the quadratic's closed form: |C' x C''| / |C'|^3 where C' . C'' = 0.
+    let folder = Folder::new();
+    folder.put(
+        "scene.toml",
+        "[[tube]]\ncurve = { points = [[0, 0, 0], [0.05, 0, 2], [0, 0, 0.5]] }\nradius = 0.02\n",
+    );
+    let report = folder.json(&["check", "scene.toml"]);
+    let hazards = report["hazards"].as_array().expect("hazards");
+    let found = hazards.iter().find(|hazard| hazard["kind"] == "curvature").expect("a sharp bend");
+    let told = found["what"]
+        .as_str()
+        .and_then(|what| what.split("is up to ").nth(1)?.split(':').next()?.parse().ok());
+    let told: f64 = told.unwrap_or_else(|| panic!("{found}"));
+    // C' = 2 (a + b t), a = (0.05, 2), b = (-0.1, -3.5); C'' = 2 b.
+    let (a, b) = ([0.05, 2.0], [-0.1, -3.5]);
+    let cross: f64 = a[0] * b[1] - a[1] * b[0];
+    let square = b[0] * b[0] + b[1] * b[1];
+    // |C'| at its least is 2 |a x b| / |b|.
+    let slowest = 2.0 * cross.abs() / square.sqrt();
+    let curvature = 4.0 * cross.abs() / (slowest * slowest * slowest);
+    // Three digits are shown.
+    assert!((told / (0.02 * curvature) - 1.0).abs() < 6e-3, "{told}, not {}", 0.02 * curvature);
+}
+
+#[test]
+fn of_frames_the_worst_is_told() {
+    let folder = Folder::new();
+    let scene = "[bake]\nvoxel_size = 0.02\n[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\nradius = { keys = [[0, 0.02], [1, 0.002]] }\n";
+    folder.put("scene.toml", scene);
+    let report = folder.json(&["check", "scene.toml", "--frames", "1-25x12"]);
+    let hazards = report["hazards"].as_array().expect("hazards");
+    let thin: Vec<&Value> = hazards.iter().filter(|hazard| hazard["kind"] == "thin").collect();
+    assert!(thin.len() == 1 && thin[0]["frame"] == 25, "{hazards:?}");
+    assert_eq!(report["moments"].as_array().map(Vec::len), Some(3));
 }
 
 #[test]
@@ -141,17 +210,19 @@ fn a_plain_scene_has_no_serious_hazard_and_an_expected_error() {
 #[test]
 fn bakes_tell_of_serious_hazards() {
     let folder = Folder::new();
-    let (_, _, _, _, scene) = HAZARDS[4];
+    let (_, _, _, _, scene) = HAZARDS.into_iter().find(|hazard| hazard.0 == "aliasing").expect("one");
     folder.put("scene.toml", scene);
     let output = folder.run(&["bake", "scene.toml"]);
     assert_eq!(code(&output), 0);
     assert!(
-        errors(&output).contains("octaves alias") && errors(&output).contains("scene.toml:8:11"),
+        errors(&output).contains("serious: tube")
+            && errors(&output).contains("octaves alias")
+            && errors(&output).contains("scene.toml:8:11"),
         "{}",
         errors(&output)
     );
     let output = folder.run(&["bake", "bent.toml"]);
-    assert!(!errors(&output).contains("warning:"), "{}", errors(&output));
+    assert!(!errors(&output).contains("serious:"), "{}", errors(&output));
 }
 
 /// What is shipped is meant as it is.

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::{BENT, NOISE, of_kind, quadratic};
 use crate::check::case::{Case, Look, PLAIN, Verdict, evaluates, probe, refuses, scene};
+use crate::check::probe::worst;
 use crate::curve::{Curve, FrameRule, Segment};
 use crate::num::Level;
 use crate::reference::Reference;
@@ -173,7 +174,7 @@ fn densities(
         .collect();
     let found = planned_density_at(&field, &plan, &points, Level::best());
     let errors = points.iter().zip(found).map(|(point, found)| (truth(*point) - f64::from(found)).abs());
-    Ok(errors.fold(0.0, f64::max))
+    Ok(errors.fold(0.0, worst))
 }
 
 /// A parabola flattened to a line: from 0 to 2 B^2 / (2 B - C) and back, here 4/3 and then 1/3.
@@ -198,7 +199,7 @@ fn elevated() -> Verdict {
         let p = [1.0 * place(0) - 0.3, 0.8 * place(1) - 0.3, 2.4 * place(2) - 1.2];
         (as_quadratic.density(p) - as_cubic.density(p)).abs()
     });
-    let definition = Verdict::at_most(1e-9, apart.fold(0.0, f64::max)).of("the definitions");
+    let definition = Verdict::at_most(1e-9, apart.fold(0.0, worst)).of("the definitions");
     Verdict::all([definition, evaluates(&of_kind("cubic", &cubic, &rest), Look::at(0.02))])
 }
 

@@ -79,7 +79,7 @@ pub(super) fn cases() -> Vec<Case> {
         }),
         Case::new(
             GROUP,
-            "1 MiB for encoded values",
+            "the least memory for encoded values",
             "the same file to the byte, through a temporary file",
             move || {
                 let text = quadratic(&BENT, &format!("radius = 0.5\n{NOISE}"));

@@ -2,7 +2,7 @@
 
 use super::{NOISE, quadratic};
 use crate::check::case::{Case, Verdict, scene};
-use crate::check::probe::Probe;
+use crate::check::probe::{Probe, worst};
 
 const GROUP: &str = "time";
 
@@ -46,6 +46,7 @@ fn at(text: &str, seconds: f64, bound: f64) -> Verdict {
         let deviation = probe.deviation(1000, 0.0)?;
         if deviation.peak <= 0.0 { Err("no density was found".to_owned()) } else { Ok(deviation) }
     });
-    found
-        .map_or_else(Verdict::failed, |deviation| Verdict::at_most(bound, deviation.largest / deviation.peak))
+    found.map_or_else(Verdict::failed, |deviation| {
+        Verdict::at_most(bound, worst(deviation.largest, deviation.lost) / deviation.peak)
+    })
 }

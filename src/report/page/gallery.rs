@@ -47,7 +47,7 @@ pub fn galleries(
     }
     let studio = Studio::new(scene, &field, size);
     let procedural = Procedural::new(&field, lattice, 0.5, budget)?;
-    let truth = studio.take(&Medium::Procedural(procedural));
+    let truth = studio.take(&Medium::Procedural(procedural), None);
     let exposure = truth.exposure;
     let mut pictures = vec![Shot {
         title: "The scene itself".to_owned(),
@@ -103,7 +103,7 @@ pub fn galleries(
 
         let Some(grid) = Grid::from_rows(&rows(lattice)) else { break };
         let Ok(baked) = Baked::new(&trial.tree, grid, Meaning::Density, budget) else { break };
-        let shot = studio.take(&Medium::Baked(baked));
+        let shot = studio.take(&Medium::Baked(baked), Some(exposure));
         let seen = flip(size[0], &truth.colours(exposure), &shot.colours(exposure), PIXELS_PER_DEGREE);
         #[allow(clippy::cast_precision_loss, reason = "a mean")]
         let mean = seen.iter().map(|part| f64::from(*part)).sum::<f64>() / seen.len().max(1) as f64;
@@ -177,16 +177,15 @@ impl Studio {
         }
     }
 
-    fn take(&self, medium: &Medium<'_>) -> Taken {
+    /// With the exposure of another, or its own.
+    fn take(&self, medium: &Medium<'_>, exposure: Option<f64>) -> Taken {
         let mut picture = Picture::new(medium, self.camera, &self.optics, self.quality, Level::best());
         for _ in 0..SAMPLES {
             picture.sample(|_| true);
         }
         let film = picture.film();
-        Taken {
-            exposure: film.exposure(),
-            developed: film.develop(Some(BEHIND * libm::exp2(-film.exposure()))),
-        }
+        let exposure = exposure.unwrap_or_else(|| film.exposure());
+        Taken { exposure, developed: film.develop(Some(BEHIND * libm::exp2(-exposure))) }
     }
 }
 

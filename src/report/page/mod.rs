@@ -308,9 +308,7 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
 
 /// The interval of 95 % of a bake's relative L2.
 fn held(row: &Row) -> Option<[f64; 2]> {
-    let field = row.field.as_ref()?;
-    let rms = field.errors.rms;
-    (rms > 0.0).then(|| field.intervals.map(|held| held.l2.map(|end| end / rms)))?
+    row.field.as_ref()?.intervals?.relative_l2
 }
 
 /// When a bake pays.
