@@ -143,7 +143,7 @@ fn answer(report: &Report, file: &str) -> Markup {
             }
         }
         div.scroll {
-            table {
+            table.answer {
                 thead { tr { th { "error at most" } th { "voxel" } th { "values" } th { "file" } th { "time" } th.wide { "command" } } }
                 tbody { @for answer in &answers { (answer_row(answer, file, report.time)) } }
             }
@@ -208,6 +208,9 @@ fn parts(report: &Report) -> Markup {
                 (row("whole", "all of it, at this voxel size", |parts| parts.whole))
             }
         } }
+        @if let Some(of_whole) = report.parts.of_whole {
+            p.note { "Together, as the root of the sum of their squares, they are " (words::part(of_whole)) " of the whole in f32." }
+        }
         @if let Some(parts) = &report.image_parts { (image_parts(parts)) }
         @if let Some(reason) = report.parts.reason.as_ref() { p.note { "The parts' squares do not add up to the whole: " (reason) "." } }
     }
@@ -264,7 +267,8 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
             @if kind == Kind::Bake {
                 thead { tr {
                     th { "setting" } th { "voxel" } th { "L2" } th { "95\u{202f}%" } th { "L1" } th { "99.9\u{202f}%" } th { "largest" } th { "bias" }
-                    th { "mass" } th { "optical depth" } th { "time" } th { "spread" } th { "ns a voxel" } th { "file" }
+                    th { "mass" } th { "optical depth" } th { "time" } th { "spread" } th { "plan" } th { "evaluate" } th { "encode" } th { "write" } th { "read" }
+                    th { "ns a voxel" } th { "memory" } th { "file" }
                 } }
             } @else {
                 thead { tr {
@@ -296,7 +300,11 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                         (cell(row.cost.total.map(|total| words::seconds(total.median))))
                         (cell(row.cost.total.map(|total| format!("{} to {}", words::seconds(total.least), words::seconds(total.most)))))
                         @if kind == Kind::Bake {
+                            @for phase in [row.cost.plan, row.cost.evaluate, row.cost.encode, row.cost.write, row.cost.read] {
+                                (cell(phase.map(|phase| words::seconds(phase.median))))
+                            }
                             (cell(row.cost.ns_per_voxel.map(words::figure)))
+                            (cell(row.cost.memory.map(bytes_of)))
                             (cell(row.cost.bytes.map(bytes_of)))
                         }
                     }
@@ -369,6 +377,7 @@ fn method(report: &Report) -> Markup {
                 (machine.threads) " threads (" (machine.simd) (machine.processor.as_ref().map_or(String::new(), |name| format!(", {name}"))) "). "
                 "Ratios of one run can be compared; times of other machines cannot."
             }
+            li { "Plan, write and read are by the clock, evaluation and encoding the processor time of all threads; memory is what the plan and the file hold." }
             li { "Rows in bold are on the front: none other of their kind is both faster and more exact." }
             li { "The whole took " (words::seconds(report.seconds)) "; nothing was begun after " (words::seconds(report.time_limit)) "." }
             @if !report.left_out.is_empty() { li { "Left out for lack of time: " (report.left_out.join(", ")) "." } }

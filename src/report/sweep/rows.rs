@@ -220,9 +220,9 @@ impl Row {
     }
 }
 
-/// Marks the rows that no other row of their kind beats in both.
+/// Marks the rows that no other row of their kind beats in both. What is off by all of it shows nothing, however soon.
 pub(super) fn mark_fronts(rows: &mut [Row]) {
-    let level = |row: &Row| row.level().filter(|_| row.is_own);
+    let level = |row: &Row| row.level().filter(|level| row.is_own && level.error < 1.0);
     let levels: Vec<(Kind, Option<LevelOf>)> = rows.iter().map(|row| (row.kind, level(row))).collect();
     for (row, (kind, level)) in rows.iter_mut().zip(&levels) {
         let Some(level) = level else { continue };
