@@ -418,12 +418,9 @@ radius = 0.5
         let error = difference(&truth.depth, &film.depth);
         assert!(error < 2e-3, "{error:e}");
     }
-    // Boxes hold more than cones do, and are looked at within bricks: but for lanes that fill a last batch, no more than these.
-    let most = evaluated * 5 / 4;
-    assert!(
-        met > fewer && held > fewer && met <= most && held <= most,
-        "{met}, {held}, {fewer}, {evaluated}"
-    );
+    // Boxes around whole segments hold more than bricks that reach a tube, and these more than cones do.
+    let least = evaluated.max(fewer);
+    assert!(met > least && held > least, "{met}, {held}, {evaluated}, {fewer}");
     let (mapped, _) = of(|marching| (marching.intervals, marching.map_every) = (Intervals::Cones, 2));
     assert!(difference(&cones.depth, &mapped.depth) < 1e-3);
 }
