@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::field::Lattice;
 use crate::num::Level;
+use crate::report::page::words::{figure, part};
 use crate::report::{Look, Survey, TrialError};
 use crate::scene::{Key, Pattern, Remark, Scene, Space, Tube, Weight};
 use crate::volume::{Filter, LARGEST_F16, Precision, RestMass, Store, bake};
@@ -114,16 +115,16 @@ pub fn expectation(
     let peak = store.active().map(|(_, value)| f64::from(value)).fold(0.0, f64::max);
     let rest = RestMass::new(&lot.field, scene, lattice, 1 << 15, Level::best());
     let (errors, intervals) = survey.errors(&lot)?;
-    let part = |x: f64, of: f64| if of > 0.0 { x / of } else { 0.0 };
+    let share = |x: f64, of: f64| if of > 0.0 { x / of } else { 0.0 };
     #[allow(clippy::cast_precision_loss, reason = "a share")]
     Ok(Expectation {
         // Where no point met density, an error of 0 would be none.
         relative_l2: errors.l2.of_rms.filter(|_| errors.peak > 0.0),
         interval: intervals.and_then(|held| held.relative_l2).filter(|_| errors.peak > 0.0),
         peak: peak.max(errors.peak),
-        several_feet: part(tally.several_feet_voxels as f64, tally.inside_voxels as f64),
-        lost_mass: part(rest.lost, rest.rest),
-        faded_mass: part(rest.faded, rest.rest),
+        several_feet: share(tally.several_feet_voxels as f64, tally.inside_voxels as f64),
+        lost_mass: share(rest.lost, rest.rest),
+        faded_mass: share(rest.faded, rest.rest),
     })
 }
 
@@ -146,7 +147,7 @@ pub fn hazards_expected(
         say(
             ("lost mass", weight, expected.lost_mass),
             &tubes,
-            format!("{} of the mass at rest is lost", percent(expected.lost_mass)),
+            format!("{} of the mass at rest is lost", part(expected.lost_mass)),
             "it lies past the focal set of a bend (bend less, or make the tube thinner there), or where a radius is 0",
         );
     }
@@ -154,7 +155,7 @@ pub fn hazards_expected(
         say(
             ("faded mass", Weight::Warning, expected.faded_mass),
             &tubes,
-            format!("{} of the mass at rest is faded out beside a focal set", percent(expected.faded_mass)),
+            format!("{} of the mass at rest is faded out beside a focal set", part(expected.faded_mass)),
             "bend less, or make the tube thinner there",
         );
     }
@@ -162,10 +163,7 @@ pub fn hazards_expected(
         say(
             ("overlap", Weight::Note, expected.several_feet),
             &tubes,
-            format!(
-                "{} of the voxels are reached by a tube from several sides",
-                percent(expected.several_feet)
-            ),
+            format!("{} of the voxels are reached by a tube from several sides", part(expected.several_feet)),
             "`overlap` says what they store: \"max\", \"sum\", \"closest\" or \"blend\"",
         );
     }
@@ -198,7 +196,7 @@ pub fn hazards_expected(
             format!(
                 "voxels of {} m miss {} of the density (relative L2)",
                 figure(lattice.voxel_size),
-                percent(error)
+                part(error)
             ),
             "smaller voxels miss less (`bake --max-error` finds them), fewer octaves need fewer; hard edges keep some of it however small they are",
         );
@@ -281,7 +279,7 @@ impl On<'_> {
     fn bends(&self) -> Option<Hazard> {
         let curve = &self.tube.curve;
         let product = |place: &Place| place.curvature * place.radius;
-        let slowest = (0..curve.segments().len()).filter_map(|number| {
+        let slowest = (0..curve.segments().len()).map(|number| {
             let segment = &curve.segments()[number];
             // A sharp bend is where the curve is slow, and how sharp it is shows nowhere else.
             let t = least(|t| segment.d1(t).length_squared());
@@ -289,8 +287,7 @@ impl On<'_> {
             let most =
                 [0.0, 0.25, 0.5, 0.75, 1.0].map(|t| segment.d1(t).length()).into_iter().fold(0.0, f64::max);
             let is_cusp = speed < 1e-6 * most && t > 1e-6 && t < 1.0 - 1e-6;
-            Some((self.place(number, t), is_cusp))
-                .filter(|(place, is_cusp)| *is_cusp || product(place).is_finite())
+            (self.place(number, t), is_cusp)
         });
         let slowest: Vec<(Place, bool)> = slowest.collect();
         if let Some((cusp, _)) = slowest.iter().find(|(_, is_cusp)| *is_cusp) {
@@ -377,7 +374,7 @@ impl On<'_> {
         ))
     }
 
-    /// Radii that change faster than a cone of 45 degrees, or jump.
+    /// Radii that change by more than two metres a metre, or jump.
     fn slopes(&self) -> Option<Hazard> {
         /// As near to a place as two radii are looked at, in lengths of the curve.
         const BESIDE: f64 = 1e-9;
@@ -507,21 +504,4 @@ fn extinction(scene: &Scene, h: f64) -> Option<Hazard> {
         let remark = scene.remark(Weight::Warning, &keys, title, String::new(), help.to_owned());
         Hazard { kind: "stiff", size: depth, remark }
     })
-}
-
-/// Three digits.
-fn figure(x: f64) -> String {
-    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 5")]
-        let decimals =
-            if x == 0.0 { 0 } else { (2.0 - libm::log10(x.abs()).floor()).clamp(0.0, 5.0) as usize };
-        let text = format!("{x:.decimals$}");
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-    } else {
-        format!("{x:.2e}")
-    }
-}
-
-fn percent(part: f64) -> String {
-    format!("{} %", figure(100.0 * part))
 }

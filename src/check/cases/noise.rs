@@ -1,7 +1,7 @@
 //! Noise and what shapes it: octaves, gains, frequencies, twist.
 
 use super::{BENT, STRAIGHT, of_kind, quadratic};
-use crate::check::case::{Case, Look, Verdict, evaluates, probe, refuses};
+use crate::check::case::{Case, Look, PLAIN, Verdict, evaluates, probe, refuses};
 use crate::num::Level;
 use crate::volume::{Store, bake};
 
@@ -35,21 +35,21 @@ pub(super) fn cases() -> Vec<Case> {
         }),
         case(
             "a gain of 1 over 8 octaves, unfaded",
-            "the definition within 4e-3 of the peak: octave 8 has 2 x 2^7 cells a radius, of amplitude 1",
+            "the definition within 2e-4 of the peak: places to 5e-7, times slopes of 3.75 x 3 x 2^k cells, of amplitude 1/8 each",
             format!("[bake]\noctave_fade = false\n{}", layer("octaves = 8\ngain = 1\nnormalise = true")),
-            Look::at(0.02).within(4e-3),
+            Look::at(0.02).within(2e-4),
         ),
         case(
             "a gain of 3",
-            "the definition within 4e-3 of the peak: the finest octave outweighs the others",
+            "the definition within 1e-4 of the peak: places to 5e-7, times the slope of the finest octave that is left, of 48 cells",
             layer("octaves = 12\ngain = 3\nnormalise = true"),
-            Look::at(0.02).within(4e-3),
+            Look::at(0.02).within(1e-4),
         ),
         case(
             "a lacunarity of 1",
-            "the definition within 1e-4 of the peak",
+            "the definition within 2e-5 of the peak: eight octaves of 3 cells",
             layer("octaves = 8\nlacunarity = 1"),
-            Look::at(0.02).within(1e-4),
+            Look::at(0.02).within(2e-5),
         ),
         case(
             "a lacunarity of 0.5",
@@ -78,9 +78,9 @@ pub(super) fn cases() -> Vec<Case> {
         ),
         case(
             "a warp of 1000 cells",
-            "the definition within 0.1 of the peak: a warp of 1000 cells, off by 4e-5 of itself, moves noise by 0.04 cells",
+            "the definition within 8e-3 of the peak: a warp off by 2e-6 of itself moves noise, of slope 3.75, by 2e-3 cells",
             layer("octaves = 1\nfrequency = 1\nwarp = { amplitude = 1000, octaves = 1 }"),
-            Look::at(0.02).within(0.1),
+            Look::at(0.02).within(8e-3),
         ),
         case(
             "density below 0 by noise",
@@ -90,10 +90,10 @@ pub(super) fn cases() -> Vec<Case> {
         ),
         case(
             "a multiplier of 1e-40",
-            "denormal numbers: steps of 1.4e-45, so 1e-4 of the peak",
+            "denormal numbers: half a step of 1.4e-45, 2e-5 of a peak of 4e-41 and more",
             layer("octaves = 3\nmultiplier = 1e-40\nthreshold = -1\nop = \"multiply\"")
                 .replace("op = \"add\"\n", ""),
-            Look::at(0.02).within(1e-4),
+            Look::at(0.02).within(2e-5),
         ),
         Case::new(GROUP, "six layers of 1e9", "refused: 1e54 does not fit single precision", || {
             let layers = "[[tube.layer]]\nnoise = \"constant\"\nvalue = 1e9\n".repeat(6);
@@ -118,14 +118,15 @@ pub(super) fn cases() -> Vec<Case> {
         ),
     ];
     for turns in [100.0, 1e4] {
+        let tube = format!("radius = 0.25\ntwist = {turns}\n[[tube.layer]]\nop = \"add\"\noctaves = 2");
+        // Faded, nothing of the noise would be left to be off.
+        let text = format!("[bake]\noctave_fade = false\n{}", quadratic(&BENT, &tube));
+        let bound = 1e-7 * turns + PLAIN;
         cases.push(case(
-            &format!("{turns} turns of twist"),
-            "the definition within 1e-3 of the peak: angles modulo a turn, to 1e-7 of the turns in a voxel",
-            quadratic(
-                &BENT,
-                &format!("radius = 0.25\ntwist = {turns}\n[[tube.layer]]\nop = \"add\"\noctaves = 2"),
-            ),
-            Look::at(0.02).within(1e-3),
+            &format!("{turns} turns of twist, unfaded"),
+            "the definition within 1e-7 of the peak a turn: a place off by 1e-7 of the length",
+            text,
+            Look::at(0.02).within(bound),
         ));
     }
     cases
