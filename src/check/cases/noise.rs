@@ -42,7 +42,7 @@ pub(super) fn cases() -> Vec<Case> {
         case(
             "a gain of 3",
             "the definition within 1e-4 of the peak: places to 5e-7, times the slope of the finest octave that is left, of 48 cells",
-            layer("octaves = 12\ngain = 3\nnormalise = true"),
+            layer("octaves = 12\ngain = 3"),
             Look::at(0.02).within(1e-4),
         ),
         case(
