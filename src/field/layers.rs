@@ -109,6 +109,8 @@ pub(super) fn fractal<R: Real>(
             [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
         total = R::splat(token, sum.mean);
         let (mut r2, mut both) = (total, total);
+        // Found where the first octave asks for it.
+        let mut rate = None;
         if sum.fades {
             let (radius, q) = (R::load(token, radius.part(first)), R::load(token, q.part(first)));
             r2 = radius * radius;
@@ -121,8 +123,12 @@ pub(super) fn fractal<R: Real>(
                 // Many a batch has no voxel in the band: the larger square is no more than both.
                 let below = (both * finer).le(r2 * R::constant(token, BAND[0]));
                 if R::bitmask(R::not(below)) != 0 {
-                    let rate = larger_square(token, &sum.rates, r2, both);
-                    value = octave.octave.faded(token, value, band_weight(token, rate * finer, r2));
+                    let larger = match rate {
+                        Some(larger) => larger,
+                        None => larger_square(token, &sum.rates, r2, both),
+                    };
+                    rate = Some(larger);
+                    value = octave.octave.faded(token, value, band_weight(token, larger * finer, r2));
                 }
             }
             total = total + value;

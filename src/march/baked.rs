@@ -19,9 +19,9 @@ use crate::num::{Level, Real, WithLevel, with_level};
 use crate::volume::{Accessor, Sampled, Tree};
 
 /// Values of a brick along an edge: those of its cells' corners.
-const VALUES: usize = 9;
+pub(super) const VALUES: usize = 9;
 /// Values of a brick.
-const ALL: usize = VALUES * VALUES * VALUES;
+pub(super) const ALL: usize = VALUES * VALUES * VALUES;
 /// A ray crosses no more faces between the cells of a brick, divided or not.
 const MOST_STEPS: usize = 4096;
 
@@ -49,9 +49,9 @@ impl Meaning {
 /// The densities of a tree's voxels, each at the point of its index, and linear between them; beside them the background's.
 #[derive(Debug, Clone)]
 pub struct Baked {
-    grid: Grid,
-    bricks: Bricks,
-    values: Vec<[f32; ALL]>,
+    pub(super) grid: Grid,
+    pub(super) bricks: Bricks,
+    pub(super) values: Vec<[f32; ALL]>,
 }
 
 /// Why a tree cannot be rendered.

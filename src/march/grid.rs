@@ -73,6 +73,11 @@ impl Grid {
         GridRay { origin: self.to_grid(ray.origin), direction: along / length, metres: 1.0 / length }
     }
 
+    /// With cells of twice the edge, from the same corner.
+    pub(super) fn coarser(&self) -> Grid {
+        Grid { linear: self.linear * 0.5, origin: self.origin, inverse: self.inverse * 2.0 }
+    }
+
     /// Metres along the longest edge of a cell.
     pub fn cell(&self) -> f64 {
         [0, 1, 2].map(|axis| self.inverse.col(axis).length()).into_iter().fold(0.0, f64::max)

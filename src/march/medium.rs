@@ -54,6 +54,15 @@ impl Medium<'_> {
         }
     }
 
+    /// Of voxels: the same with those of twice the size, so many times over.
+    #[must_use]
+    pub fn coarser(&self, times: u32) -> Option<Medium<'static>> {
+        let Medium::Baked(baked) = self else { return None };
+        (0..times)
+            .fold(None, |coarse: Option<Baked>, _| Some(coarse.as_ref().unwrap_or(baked).halved()))
+            .map(Medium::Baked)
+    }
+
     /// Of a scene: [`Procedural::places`].
     pub fn places(&self) -> Option<[u64; 2]> {
         match self {

@@ -27,7 +27,8 @@
 //! values of a brick are in the cache while they are used. Rays end when nothing more than the cutoff is left of the light.
 //!
 //! - Voxels (`baked`): a ray goes from cell to cell. There the density along it is a polynomial of degree 3, which Gauss's rule
-//!   of two samples integrates exactly; so the optical depth of voxels has no error but rounding.
+//!   of two samples integrates exactly; so the optical depth of voxels has no error but rounding. Voxels of twice the size
+//!   (`coarse`) are there for pictures that are wanted soon.
 //! - Scenes (`procedural`): the same rule over equal segments no longer than a step, shorter where it is dense (`steps`). They
 //!   begin and end where a ray enters and leaves the tubes (`clip`), by the closed forms of truncated cones along them
 //!   (`cones`, and a tree of them in `bvh`). So the error is of order 4 in the step where the density is smooth inside tubes,
@@ -45,6 +46,7 @@ mod blackbody;
 mod bvh;
 mod camera;
 mod clip;
+mod coarse;
 mod cones;
 mod display;
 mod exact;

@@ -52,7 +52,8 @@ pub(super) struct Arguments {
     /// Extinguish light only: no light is scattered or emitted
     #[arg(long)]
     absorption_only: bool,
-    /// Of a scene: voxels between two steps along a ray, at most [default: 1]
+    /// Of a scene: voxels between two steps along a ray, at most. Of a file: so many voxels along each axis are drawn as one, 1, 2, 4
+    /// or 8: each doubling takes about half of the time [default: 1]
     #[arg(long, value_name = "VOXELS", value_parser = step, allow_hyphen_values = true)]
     step: Option<f64>,
     /// Of a scene: what steps do. `gauss` takes two samples a step and divides it where it is dense; `midpoint` one, in its
@@ -175,10 +176,17 @@ impl Arguments {
         Ok(Marching { method, growth, entry, map_every: map_every.into(), intervals, count })
     }
 
-    /// The first option that is given and says how rays go through a scene.
+    /// How often the voxels of a file are drawn as one with those beside them.
+    fn halvings(&self) -> Result<u32, Failure> {
+        let step = self.step.unwrap_or(1.0);
+        (0..=3).find(|times| step == f64::from(1 << times)).ok_or_else(|| {
+            Failure::usage(format!("--step {step} has no meaning for a file")).hint("choose 1, 2, 4 or 8")
+        })
+    }
+
+    /// The first option that is given and says how rays go through a scene only.
     fn marching_option(&self) -> Option<&'static str> {
         [
-            (self.step.is_some(), "--step"),
             (self.method.is_some(), "--method"),
             (self.growth.is_some(), "--growth"),
             (self.entry.is_some(), "--entry"),
@@ -235,6 +243,8 @@ struct Report {
 struct Times {
     /// Reading or planning.
     load: f64,
+    /// All of the coarse picture but writing it, where that was asked for.
+    coarse: Option<f64>,
     /// What each part of the picture sees, and shadows.
     prepare: f64,
     march: f64,
@@ -301,20 +311,25 @@ fn draw(
     };
     let exposure = arguments.exposure.or(view.camera.exposure);
     let write = |film: &Film| target.write(film, background.map(Into::into), exposure, interrupt);
-    let mut first_picture = None;
+    let (mut coarse_time, mut first_picture) = (None, None);
     if arguments.progressive {
         let coarse = Quality {
             size: quality.size.map(|edge| edge.div_ceil(COARSE)),
-            shadow: match quality.shadow {
-                Shadow::Cached(pitch) => Shadow::Cached(8.0_f64.min(pitch * 4.0)),
-                Shadow::Exact => Shadow::Cached(8.0),
-                Shadow::None => Shadow::None,
+            // Voxels are as coarse then; a scene's are not.
+            shadow: match (quality.shadow, is_file) {
+                (Shadow::None, _) => Shadow::None,
+                (Shadow::Cached(pitch), true) => Shadow::Cached(pitch),
+                (Shadow::Cached(pitch), false) => Shadow::Cached(8.0_f64.min(pitch * 4.0)),
+                (Shadow::Exact, is_file) => Shadow::Cached(if is_file { 2.0 } else { 8.0 }),
             },
             integrator: Integrator::Single,
             ..quality
         };
-        let mut picture = Picture::new(&drawn.medium, camera, &optics, coarse, level);
+        let medium = drawn.medium.coarser(COARSE.ilog2());
+        let mut picture =
+            Picture::new(medium.as_ref().unwrap_or(&drawn.medium), camera, &optics, coarse, level);
         picture.sample(|_| true);
+        coarse_time = Some(clock.lap());
         interrupt.hold();
         write(&picture.film().enlarged(quality.size))?;
         first_picture = Some(clock.first.elapsed().as_secs_f64());
@@ -373,7 +388,14 @@ fn draw(
         evaluated_places: drawn.medium.places(),
         mean_transmittance: film.transmittance.iter().sum::<f64>() / pixels,
         exposure,
-        seconds: Times { load, prepare, march, write, total: clock.first.elapsed().as_secs_f64() },
+        seconds: Times {
+            load,
+            coarse: coarse_time,
+            prepare,
+            march,
+            write,
+            total: clock.first.elapsed().as_secs_f64(),
+        },
         first_picture_seconds: first_picture,
         peak_rss_bytes: machine::peak_memory(),
         threads: rayon::current_num_threads(),

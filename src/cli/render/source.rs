@@ -86,6 +86,7 @@ impl<'a> Drawn<'a> {
         if let Some(option) = options.for_scenes_only().or(arguments.marching_option()) {
             return Err(Failure::usage(format!("{option} has no meaning for a file, only for a scene")));
         }
+        let halvings = arguments.halvings()?;
         let path = &arguments.file;
         let failed = |error: VdbReadError| unread(path, error);
         let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
@@ -112,7 +113,8 @@ impl<'a> Drawn<'a> {
             Some(scene) => scene_view(scene, bounds)?,
             None => own_view(&file.info().metadata, bounds)?,
         };
-        Ok(Drawn { medium: Medium::Baked(baked?), view })
+        let medium = Medium::Baked(baked?);
+        Ok(Drawn { medium: medium.coarser(halvings).unwrap_or(medium), view })
     }
 }
 
