@@ -12,6 +12,7 @@
 //! All places are fixed and all sums are taken in one order, so the same two inputs give the same figures at every run.
 
 mod around;
+mod blocks;
 mod certificate;
 mod colour;
 mod errors;
@@ -37,6 +38,7 @@ mod verify;
 mod voxels;
 
 pub use around::around;
+pub use blocks::ImageIntervals;
 pub use certificate::{Certificate, Measured, Reached, measure};
 pub use colour::{from_srgb, tone_map};
 pub use errors::{Errors, Intervals, Scaled, intervals};

@@ -44,7 +44,9 @@ fn front(report: &Report, name: &'static str, title: &str, x: Axis, cost: fn(&Ro
         at.iter().all(|x| *x > 0.0).then_some(Point { at, interval: held(row), label: None })
     };
     let mut series: Vec<Series> = Vec::new();
-    let mut best: Vec<[f64; 2]> = bakes.iter().filter_map(|row| point(&row)).map(|point| point.at).collect();
+    // A line through what one could choose.
+    let can = bakes.iter().filter(|row| row.can_be_chosen());
+    let mut best: Vec<[f64; 2]> = can.filter_map(|row| point(&row)).map(|point| point.at).collect();
     best.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut least = f64::INFINITY;
     best.retain(|[_, error]| {
@@ -129,7 +131,7 @@ fn pictures(report: &Report) -> Plot {
         let Some(level) = level(row).filter(|level| level.iter().all(|x| *x > 0.0)) else { continue };
         let name =
             if row.settings.filter.is_some() { "baked" } else { row.settings.method.unwrap_or("other") };
-        let point = Point { at: level, interval: None, label: None };
+        let point = Point { at: level, interval: held(row), label: None };
         match series.iter_mut().find(|series| series.name == name) {
             Some(series) => series.points.push(point),
             None => series.push(Series {

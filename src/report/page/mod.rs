@@ -211,9 +211,15 @@ fn parts(report: &Report) -> Markup {
         @if let Some(of_whole) = report.parts.of_whole {
             p.note { "Together, as the root of the sum of their squares, they are " (words::part(of_whole)) " of the whole in f32." }
         }
+        (apart(report.parts.reason.as_deref(), "in f32"))
+        (apart(report.parts_f16.reason.as_deref(), "in f16"))
         @if let Some(parts) = &report.image_parts { (image_parts(parts)) }
-        @if let Some(reason) = report.parts.reason.as_ref() { p.note { "The parts' squares do not add up to the whole: " (reason) "." } }
     }
+}
+
+/// Why parts are not the whole.
+fn apart(reason: Option<&str>, of: &str) -> Markup {
+    html! { @if let Some(reason) = reason { p.note { "The parts' squares do not add up to the whole " (of) ": " (reason) "." } } }
 }
 
 fn relative(part: Part) -> String {
@@ -272,7 +278,8 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                 } }
             } @else {
                 thead { tr {
-                    th { "setting" } th { "voxel" } th { "step" } th { "error" } th { "PSNR" } th { "FLIP" } th { "transmittance" } th { "time" } th { "spread" }
+                    th { "setting" } th { "voxel" } th { "step" } th { "error" } th { "95\u{202f}%" } th { "PSNR" } th { "95\u{202f}%" } th { "FLIP" } th { "95\u{202f}%" }
+                    th { "transmittance" } th { "time" } th { "spread" }
                 } }
             }
             tbody {
@@ -283,7 +290,7 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                         @if kind == Kind::Bake {
                             @let errors = row.field.as_ref().map(|field| field.errors);
                             (cell(part(errors.and_then(|e| e.l2.of_rms))))
-                            (cell(held(row).map(|[low, high]| format!("{} to {}", words::part(low), words::part(high)))))
+                            (cell(held(row).map(|ends| range(ends, words::part))))
                             (cell(part(errors.and_then(|e| e.l1.of_rms))))
                             (cell(part(errors.and_then(|e| e.p999.of_peak))))
                             (cell(part(errors.and_then(|e| e.max.of_peak))))
@@ -292,9 +299,13 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                             (cell(part(row.field.as_ref().and_then(|field| field.optical_depth))))
                         } @else {
                             (cell(row.settings.step.map(words::figure)))
+                            @let ends = row.image.and_then(|image| image.intervals);
                             (cell(part(row.image.and_then(|image| image.relative))))
-                            (cell(row.image.and_then(|image| image.psnr).map(|psnr| format!("{psnr:.1} dB"))))
+                            (cell(ends.and_then(|ends| ends.relative).map(|ends| range(ends, words::part))))
+                            (cell(row.image.and_then(|image| image.psnr).map(decibels)))
+                            (cell(ends.and_then(|ends| ends.psnr).map(|ends| range(ends, decibels))))
                             (cell(row.image.and_then(|image| image.flip).map(words::figure)))
+                            (cell(ends.and_then(|ends| ends.flip).map(|ends| range(ends, words::figure))))
                             (cell(row.image.map(|image| words::figure(image.transmittance))))
                         }
                         (cell(row.cost.total.map(|total| words::seconds(total.median))))
@@ -314,9 +325,21 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
     }
 }
 
-/// The interval of 95 % of a bake's relative L2.
+/// The interval of 95 % of a row's relative error.
 fn held(row: &Row) -> Option<[f64; 2]> {
-    row.field.as_ref()?.intervals?.relative_l2
+    match row.kind {
+        Kind::Bake => row.field.as_ref()?.intervals?.relative_l2,
+        Kind::Picture => row.image?.intervals?.relative,
+    }
+}
+
+/// Both ends of an interval.
+fn range([low, high]: [f64; 2], format: fn(f64) -> String) -> String {
+    format!("{} to {}", format(low), format(high))
+}
+
+fn decibels(x: f64) -> String {
+    format!("{x:.1}\u{202f}dB")
 }
 
 /// When a bake pays.
@@ -354,6 +377,10 @@ fn image_parts(parts: &ImageParts) -> Markup {
                 tr { th scope="row" { (name) } td { (relative(part)) } td.wide { (what) } }
             } }
         } }
+        @if let Some(of_whole) = parts.of_whole {
+            p.note { "The first four together, as the root of the sum of their squares, are " (words::part(of_whole)) " of the whole." }
+        }
+        (apart(parts.reason.as_deref(), "of a picture"))
     }
 }
 

@@ -18,7 +18,7 @@ use crate::num::Level;
 use crate::report::exact::unlimited;
 use crate::report::flip::PIXELS_PER_DEGREE;
 use crate::report::image::{Picture as Image, compare_images};
-use crate::report::parts::Part;
+use crate::report::parts::{Part, why};
 use crate::report::trial::{Pilot, TrialError, rows};
 use crate::scene::Scene;
 use crate::volume::{PlanError, Precision};
@@ -49,6 +49,8 @@ pub struct ImageParts {
     pub root_sum_square: f64,
     /// That over the whole; null where the whole is 0.
     pub of_whole: Option<f64>,
+    /// Why these are more than a fifth apart, where they are.
+    pub reason: Option<String>,
 }
 
 /// When a bake pays.
@@ -465,6 +467,8 @@ fn image_parts(
     let squares: f64 =
         [model, interpolation, quantisation, early_exit].iter().map(|part| part.rms * part.rms).sum();
     let root_sum_square = squares.sqrt();
+    let of_whole = (whole.rms > 0.0).then(|| root_sum_square / whole.rms);
+    let steps = [best, limited, single, half, ended].map(|film| &*film.transmittance);
     ImageParts {
         whole,
         model,
@@ -473,7 +477,8 @@ fn image_parts(
         early_exit,
         step: part(limited, coarse),
         root_sum_square,
-        of_whole: (whole.rms > 0.0).then(|| root_sum_square / whole.rms),
+        of_whole,
+        reason: why(&steps, ["model", "interpolation", "quantisation", "early exit"], of_whole),
     }
 }
 
@@ -493,7 +498,7 @@ fn image_error(best: &Film, film: &Film) -> ImageError {
     let found = compare_images(&picture(best), &picture(film), exposure, PIXELS_PER_DEGREE);
     let transmittance = part(best, film).rms;
     let Some(found) = found else {
-        return ImageError { rmse: 0.0, relative: None, psnr: None, flip: None, transmittance };
+        return ImageError { rmse: 0.0, relative: None, psnr: None, flip: None, transmittance, intervals: None };
     };
     let errors = found.all.errors;
     ImageError {
@@ -502,6 +507,7 @@ fn image_error(best: &Film, film: &Film) -> ImageError {
         psnr: errors.psnr,
         flip: found.flip.map(|flip| flip.mean),
         transmittance,
+        intervals: found.intervals,
     }
 }
 
