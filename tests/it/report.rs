@@ -27,7 +27,7 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         ("precision and codec", 5),
         ("octaves", 5),
         ("baked", 3),
-        ("steps", 7),
+        ("steps", 8),
         ("paper", 5),
         ("growing step", 2),
         ("mapping", 3),
@@ -60,8 +60,9 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         }
         // Both axes, whatever it is held against.
         assert_eq!(row["field"]["errors"]["l2"]["of_rms"].is_number(), !is_picture, "{row}");
-        let altered =
-            ["frame", "conservation", "overlap", "segments"].iter().any(|group| row["group"] == *group);
+        let altered = ["frame", "conservation", "overlap", "segments", "paper"]
+            .iter()
+            .any(|group| row["group"] == *group);
         let is_other = row["label"].as_str().is_some_and(|label| label.starts_with("a helix"));
         assert_eq!(row["is_own"], !(altered || is_other), "{row}");
         assert!(row["on_front"] == false || (row["is_own"] == true && row["command"].is_string()), "{row}");
@@ -138,7 +139,22 @@ fn every_axis_has_its_rows_with_errors_and_times() {
     let apart = (real(&report["image_parts"]["of_whole"]) - 1.0).abs();
     assert!(apart <= 0.2 || report["image_parts"]["reason"].is_string(), "{}", report["image_parts"]);
     assert!(real(&report["pays_after"]["bake"]) > 0.0 && number(&report["machine"]["threads"]) > 0);
-    assert_eq!(report["orders"].as_array().map(Vec::len), Some(12));
+    let orders = report["orders"].as_array().expect("a list");
+    assert_eq!(orders.len(), 12);
+    for order in orders {
+        // Never over sizes that do not show the density.
+        let error = |size: f64| {
+            let sizes = rows(&report, "voxel size and filter");
+            let row = sizes.into_iter().find(|row| {
+                row["settings"]["filter"] == order["filter"] && real(&row["settings"]["voxel_size"]) == size
+            });
+            l2(row.expect("a row"))
+        };
+        let sizes: Vec<f64> = order["voxel_sizes"].as_array().expect("a list").iter().map(real).collect();
+        assert_eq!(order["measured"].is_null(), sizes.is_empty(), "{order}");
+        assert!(sizes.is_empty() || sizes.len() >= 3 && order["why"].is_string(), "{order}");
+        assert!(order["metric"] != "l2" || sizes.iter().all(|size| error(*size) <= 0.25), "{order}");
+    }
 }
 
 #[test]

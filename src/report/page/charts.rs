@@ -79,8 +79,11 @@ fn convergence(report: &Report) -> Plot {
             })
             .collect();
         let order = report.orders.iter().find(|order| order.filter == filter && order.metric == "l2");
-        if let (Some(order), Some(finest), Some(coarsest)) = (order, points.first(), points.last()) {
-            let name = format!("{filter}, {:.2}", order.measured.order);
+        let measured = order.and_then(|order| Some((order, order.measured?.order)));
+        if let (Some((order, power)), Some(finest), Some(coarsest)) =
+            (measured, points.first(), points.last())
+        {
+            let name = format!("{filter}, {power:.2}");
             // From the finest, as steep as theory has it.
             let theory = [finest.at[0], coarsest.at[0].min(3.0 * finest.at[0])].map(|size| Point {
                 at: [size, finest.at[1] * libm::pow(size / finest.at[0], order.theory)],

@@ -2,14 +2,13 @@
 
 use std::time::Instant;
 
+use super::Run;
 use super::rows::{Cost, FieldError, Kind, Row, Settings, Spread};
-use super::{OrderOf, Run};
 use crate::field::Lattice;
 use crate::formats::vdb::{Compression, Encoder};
 use crate::report::around::around;
 use crate::report::exact::Exact;
 use crate::report::field::compare_at;
-use crate::report::order::Order;
 use crate::report::source::Gridded;
 use crate::report::survey::MARGIN;
 use crate::report::trial::{Lot, Pilot, Trial, TrialError, rows};
@@ -21,7 +20,7 @@ const SIZES: [f64; 6] = [1.0, 2.0, 4.0, std::f64::consts::SQRT_2, 2.0 * std::f64
 /// Smaller ones, which take longer: only where all their repeats are likely to take no more than a part of the time.
 const SMALLER: [f64; 4] = [std::f64::consts::FRAC_1_SQRT_2, 0.5, 0.5 * std::f64::consts::FRAC_1_SQRT_2, 0.25];
 const DEAR: f64 = 0.1;
-const FILTERS: [Filter; 3] = [Filter::Trilinear, Filter::Nearest, Filter::Cubic];
+pub(super) const FILTERS: [Filter; 3] = [Filter::Trilinear, Filter::Nearest, Filter::Cubic];
 
 /// A filter's word on the command line.
 pub(super) fn filter_name(filter: Filter) -> &'static str {
@@ -312,41 +311,4 @@ impl Run<'_> {
         };
         Ok((cost, last.tree))
     }
-}
-
-/// Orders over the three finest voxel sizes, for each filter and metric.
-pub(super) fn orders(rows: &[Row]) -> Vec<OrderOf> {
-    let mut found = Vec::new();
-    for filter in FILTERS {
-        let name = filter_name(filter);
-        let of = rows
-            .iter()
-            .filter(|row| row.group == "voxel size and filter" && row.settings.filter == Some(name));
-        let of: Vec<&Row> = of.collect();
-        for (metric, theory) in [("l1", 0.0), ("l2", 0.0), ("max", 0.0), ("optical-depth", 0.0)] {
-            let theory: f64 = theory
-                + match filter {
-                    Filter::Nearest => 1.0,
-                    Filter::Trilinear => 2.0,
-                    Filter::Cubic => 3.0,
-                };
-            let error = |row: &Row| {
-                let field = row.field.as_ref()?;
-                match metric {
-                    "l1" => field.errors.l1.of_rms,
-                    "l2" => field.errors.l2.of_rms,
-                    "max" => field.errors.max.of_peak,
-                    _ => field.optical_depth,
-                }
-            };
-            let mut points: Vec<[f64; 2]> =
-                of.iter().filter_map(|row| Some([row.settings.voxel_size, error(row)?])).collect();
-            points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-            points.truncate(3);
-            if let Some(measured) = Order::fit(&points) {
-                found.push(OrderOf { filter: name, metric, measured, theory });
-            }
-        }
-    }
-    found
 }

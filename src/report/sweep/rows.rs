@@ -82,8 +82,8 @@ pub struct Row {
     pub label: String,
     /// What it is of.
     pub kind: Kind,
-    /// Whether it is of the scene's own density. Others are of one that is altered, against which they are measured: they
-    /// are held against each other alone, and stand on no front.
+    /// Whether it is of the scene's own density, by its own light. Others are of one that is altered, or of a picture without
+    /// shadows, against which they are measured: they are held against each other alone, and stand on no front.
     pub is_own: bool,
     /// All that can be set.
     pub settings: Settings,
