@@ -141,10 +141,11 @@ impl<'a> Survey<'a> {
                 &single
             }
         };
+        let kernel = lot.kernel(points)?;
         Ok(Parts::new(&Chain {
             truth,
-            limited: &Exact::at(&limited, points),
-            kernel: &lot.kernel(points)?,
+            limited: &Exact::guided(&limited, points, &kernel),
+            kernel: &kernel,
             voxels,
             stored,
         }))

@@ -59,26 +59,48 @@ struct Making<'a> {
 /// A scene's exact density, and places to look at it.
 pub(super) struct Held {
     lattice: Lattice,
+    whole: Plan,
+    stream: u64,
     places: crate::report::support::Spread,
     exact: Exact,
+    /// Points that were asked for, and that may be at most.
+    points: usize,
+    most: usize,
 }
 
+/// Times as many points that may be taken where these met too little density for an interval.
+const MORE: usize = 4;
+const MOST: usize = 64;
+/// Why a bake has no row.
+pub(super) const UNSEEN: &str = "points met almost no density";
+
 impl Held {
-    /// How far a bake is off.
+    /// How far a bake is off, at more points where these do not tell within which bounds; `None` where those do not either.
     pub(super) fn error(
-        &self,
-        tree: Tree<f32>,
+        &mut self,
+        tree: &Tree<f32>,
         filter: Filter,
         rays: usize,
-    ) -> Result<FieldError, TrialError> {
-        let file = Gridded::new(tree, rows(self.lattice), filter).ok_or(PlanError::TooWide)?;
-        let (found, _) = compare_at(&self.exact, &file, &self.places, rays);
-        Ok(FieldError {
-            errors: found.errors,
-            intervals: found.intervals,
-            optical_depth: found.optical_depth.l2.of_rms,
-            mass_ratio: found.mass.ratio,
-        })
+    ) -> Result<Option<FieldError>, TrialError> {
+        let file = Gridded::new(tree.clone(), rows(self.lattice), filter).ok_or(PlanError::TooWide)?;
+        loop {
+            let (found, _) = compare_at(&self.exact, &file, &self.places, rays);
+            // Where there are no bricks, there is nothing to be met.
+            let is_told = found.intervals.is_none_or(|held| held.relative_l2.is_some());
+            if is_told {
+                return Ok(Some(FieldError {
+                    errors: found.errors,
+                    intervals: found.intervals,
+                    optical_depth: found.optical_depth.l2.of_rms,
+                    mass_ratio: found.mass.ratio,
+                }));
+            }
+            if self.points >= self.most {
+                return Ok(None);
+            }
+            self.points *= MORE;
+            self.places = around(&self.whole, MARGIN, self.points, self.stream);
+        }
     }
 }
 
@@ -201,9 +223,17 @@ impl Run<'_> {
         let Making { scene, lattice, encoder, octaves } = making;
         let pilot = Pilot::new(scene, self.effort.budget);
         let (cost, tree) = self.costs(&pilot, lattice, encoder)?;
-        let held = self.held_against(self.scene, lattice, self.effort.points)?;
+        let mut held = self.held_against(self.scene, lattice, self.effort.points)?;
         for filter in filters {
-            let field = held.error(tree.clone(), *filter, self.effort.rays)?;
+            let name = if filters.len() > 1 {
+                format!("{label}, {}", filter_name(*filter))
+            } else {
+                label.to_owned()
+            };
+            let Some(field) = held.error(&tree, *filter, self.effort.rays)? else {
+                self.left_out.push(format!("{name}: {UNSEEN}"));
+                continue;
+            };
             let (precision, compression) =
                 (precision_name(encoder.precision()), compression_name(encoder.compression()));
             let command = octaves.is_none().then(|| {
@@ -215,11 +245,7 @@ impl Run<'_> {
             });
             self.rows.push(Row {
                 group,
-                label: if filters.len() > 1 {
-                    format!("{label}, {}", filter_name(*filter))
-                } else {
-                    label.to_owned()
-                },
+                label: name,
                 kind: Kind::Bake,
                 is_own: true,
                 settings: Settings {
@@ -251,7 +277,8 @@ impl Run<'_> {
         let whole = Pilot::new(scene, self.effort.budget).at(lattice)?.whole()?;
         let stream = self.look(Precision::F32, Filter::Trilinear).stream;
         let places = around(&whole, MARGIN, points, stream);
-        Ok(Held { lattice, places, exact: Exact::new(scene, lattice, self.effort.budget)? })
+        let exact = Exact::new(scene, lattice, self.effort.budget)?;
+        Ok(Held { lattice, whole, stream, places, exact, points, most: MOST * points })
     }
 
     /// What a bake takes, and its values.
