@@ -36,6 +36,8 @@ const CERTIFICATE: u64 = 6 << 10;
 /// What is aimed at of a file's size, and what is taken.
 const AIM: f64 = 0.96;
 const TAKEN: [f64; 2] = [0.9, 0.99];
+/// Errors that fall with less than this power do not fall at all.
+const NO_ORDER: f64 = 0.1;
 /// Times the error of a voxel size that its file is certain to meet.
 const WITHIN: f64 = 1.3;
 /// What is aimed at of an error after one that was too large, with all that points do not tell.
@@ -272,6 +274,10 @@ fn by_error(
     let thickest = thickest(scene);
     let is_local = matches!(goal.metric, Metric::L2 | Metric::Max);
     let mut search = Search::new(goal.limit, if is_local { first.min(thickest) } else { first }, largest);
+    // Beside a jump a filtered value is off by half of it, whatever the voxel size.
+    if goal.metric == Metric::Max && jumps(scene) {
+        search = search.of_jumps();
+    }
     let outcome = loop {
         stop()?;
         let error = match survey.error(search.next(), goal.metric) {
@@ -371,14 +377,23 @@ fn slow(
     if let Some(failure) = coarse(survey, goal, search) {
         return failure;
     }
-    let failure = Failure::failed(format!(
-        "the {} falls only with the power {order:.2} of the voxel size{}; {} would take voxels of about {} m, {} along the longest side",
-        goal.metric.name(),
-        reached(search),
-        figure(goal.limit),
-        figure(voxel_size),
-        figure((longest / voxel_size).ceil()),
-    ));
+    let failure = Failure::failed(if order < NO_ORDER {
+        format!(
+            "the {} does not fall with the voxel size{}; no voxels are small enough for {}",
+            goal.metric.name(),
+            reached(search),
+            figure(goal.limit),
+        )
+    } else {
+        format!(
+            "the {} falls only with the power {order:.2} of the voxel size{}; {} would take voxels of about {} m, {} along the longest side",
+            goal.metric.name(),
+            reached(search),
+            figure(goal.limit),
+            figure(voxel_size),
+            figure((longest / voxel_size).ceil()),
+        )
+    });
     let mut hints = edges(survey.pilot().scene());
     let last = search.steps().last().map_or(voxel_size, |step| step.voxel_size);
     if hints.is_empty()
@@ -396,9 +411,21 @@ fn slow(
         Metric::L2 => {
             "else allow a larger --max-error, or ask for --error-metric mass or optical-depth, which edges matter less to".to_owned()
         }
+        Metric::Max => {
+            "else ask for another --error-metric, such as mass or optical-depth, which edges matter less to".to_owned()
+        }
         _ => "else allow a larger --max-error, or choose another --error-metric".to_owned(),
     });
     hints.into_iter().fold(failure, Failure::hint)
+}
+
+/// Whether a scene's density jumps anywhere: half of such a jump is missed at its place, however small voxels are.
+fn jumps(scene: &Scene) -> bool {
+    scene.tubes().iter().any(|tube| {
+        matches!(tube.radial, Radial::Hard)
+            || (tube.caps == Caps::Flat && !tube.curve.is_closed())
+            || tube.layers.iter().any(|layer| matches!(layer.pattern, Pattern::Sectors))
+    })
 }
 
 /// What in a scene makes edges, and what to change.

@@ -266,7 +266,7 @@ fn human(report: &Report, output: &Path) -> String {
         table.row("a bake pays", frames);
     }
     if !report.left_out.is_empty() {
-        table.rows("no time for", &report.left_out, "");
+        table.rows("left out", &report.left_out, "");
     }
     table.finish()
 }

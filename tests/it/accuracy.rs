@@ -168,6 +168,24 @@ fn hard_edges_are_refused_with_a_reason() {
         assert!(told.contains(part), "{part}: {told}");
     }
     assert_eq!(folder.made(), ["hard.toml"]);
+    // The largest error stays, and that is why, whatever the memory.
+    for (radius, limit, memory) in
+        [("0.3", "0.05", "200MiB"), ("0.05", "0.2", "64MiB"), ("0.3", "0.02", "2GiB")]
+    {
+        folder.put("hard.toml", hard.replace("0.3\nenv", &format!("{radius}\nenv")));
+        let arguments = ["--max-error", limit, "--error-metric", "max", "--memory", memory];
+        let output = folder.run(&[&["bake", "hard.toml", "-o", "hard.vdb"][..], &arguments].concat());
+        let told = errors(&output);
+        assert_eq!(code(&output), 1, "{told}");
+        for part in
+            ["the largest error over the peak ", "fall", "tube \"pipe\" has a hard edge", "--error-metric"]
+        {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+        assert!(!told.contains("--memory") && !told.contains("-0.0"), "{told}");
+    }
+    folder.put("hard.toml", hard);
+    assert_eq!(folder.made(), ["hard.toml"]);
     // What it can do: mass, for which edges are anti-aliased, and a soft edge.
     let mass =
         ["bake", "hard.toml", "-o", "hard.vdb", "--max-error", "0.01", "--error-metric", "mass", "--quiet"];

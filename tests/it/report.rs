@@ -188,7 +188,7 @@ fn a_csv_has_a_line_for_each_row_and_time_is_kept() {
     assert!(!left.is_empty() && left.iter().any(|what| what == "10000 segments"), "{left:?}");
     // In words: what is missing, too.
     let words = text(&folder.run(&arguments));
-    assert!(words.contains("no time for") && words.contains("orders"), "{words}");
+    assert!(words.contains("left out") && words.contains("orders"), "{words}");
 }
 
 #[test]

@@ -484,7 +484,7 @@ fn method(report: &Report) -> Markup {
             li { "Plan, write and read are by the clock, evaluation and encoding the processor time of all threads; memory is what the plan and the file hold." }
             li { "Rows in bold are on the front: none other of their kind is both faster and more exact." }
             li { "The whole took " (words::seconds(report.seconds)) "; nothing was begun after " (words::seconds(report.time_limit)) "." }
-            @if !report.left_out.is_empty() { li { "Left out for lack of time: " (report.left_out.join(", ")) "." } }
+            @if !report.left_out.is_empty() { li { "Left out, for lack of time where nothing else is said: " (report.left_out.join(", ")) "." } }
         }
     }
 }

@@ -35,7 +35,7 @@ pub struct Report {
     pub seconds: f64,
     /// After which nothing was begun.
     pub time_limit: f64,
-    /// For which there was no time.
+    /// For which there was no time, or what else is said behind a colon.
     pub left_out: Vec<String>,
     /// One for each setting.
     pub rows: Vec<Row>,
