@@ -9,7 +9,9 @@ use super::{Failure, text};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
-use crate::report::{Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError};
+use crate::report::{
+    Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError, most_octaves, with_octaves,
+};
 use crate::scene::{Caps, Pattern, Radial, Scene};
 use crate::volume::{self, Filter, Plan, PlanError, Precision};
 
@@ -25,10 +27,12 @@ pub(super) const MOST_ROUNDS: u32 = 5;
 /// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
 /// takes 2 KiB then.
 const PLANS: u64 = 32;
-/// Bytes besides that bakes of any size can do with, on as many threads as there may be.
-const BAKE: u64 = 64 << 20;
-/// Times what pilots are expected to take.
-const SPARE: f64 = 2.0;
+/// Bytes that pilots and bakes of any size can do with.
+const LEAST: u64 = 48 << 20;
+/// Times the memory that is expected to be needed.
+const SPARE: f64 = 1.08;
+/// Times the expected voxel that a search may try on its way.
+const FINER: f64 = 0.96;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
 /// Bytes of a certificate with some pilots.
@@ -36,6 +40,8 @@ const CERTIFICATE: u64 = 6 << 10;
 /// What is aimed at of a file's size, and what is taken.
 const AIM: f64 = 0.96;
 const TAKEN: [f64; 2] = [0.9, 0.99];
+/// The part of a limit that a pilot's error is at most where it is sure to be met.
+const AIMED: f64 = 0.88;
 /// Errors that fall with less than this power do not fall at all.
 const NO_ORDER: f64 = 0.1;
 /// Times the error of a voxel size that its file is certain to meet.
@@ -278,6 +284,8 @@ fn by_error(
     if goal.metric == Metric::Max && jumps(scene) {
         search = search.of_jumps();
     }
+    // Voxel sizes, and bytes of their plans.
+    let mut planned: Vec<[f64; 2]> = Vec::new();
     let outcome = loop {
         stop()?;
         let error = match survey.error(search.next(), goal.metric) {
@@ -286,8 +294,14 @@ fn by_error(
                 search = Search::new(goal.limit, thickest, largest);
                 continue;
             }
-            Ok(error) => error,
-            Err(TrialError::Plan(error)) => return Err(unplanned(goal, &search, longest, error)),
+            Ok(error) => {
+                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+                planned.push([search.next(), survey.planned() as f64]);
+                error
+            }
+            Err(TrialError::Plan(error)) => {
+                return Err(unplanned(&survey, goal, &search, longest, &planned, error));
+            }
             Err(error) => return Err(Failure::failed("cannot try a voxel size").because(error)),
         };
         if let Some(outcome) = search.add(error) {
@@ -339,7 +353,15 @@ fn reached(search: &Search) -> String {
     })
 }
 
-fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Failure {
+/// Of voxels that there is no room for, with what to change.
+fn unplanned(
+    survey: &Survey<'_>,
+    goal: Goal,
+    search: &Search,
+    longest: f64,
+    planned: &[[f64; 2]],
+    error: PlanError,
+) -> Failure {
     let expected = search.expected();
     let room = if error.enough().is_some() { " to bake and to measure in the memory" } else { "" };
     let failure = Failure::failed(format!(
@@ -351,18 +373,48 @@ fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Fai
         reached(search),
     ))
     .because(error);
-    match error.enough() {
-        Some(plan) => {
-            // Bricks grow with the cube of what voxels shrink by, at most; and the next pilots may say a little less.
-            let finer = search.next() / expected;
-            #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-            let pilots = SPARE * finer * finer * finer * plan as f64;
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-            let bytes = (pilots as u64).saturating_mul(PLANS).saturating_add(PROGRAM + BAKE);
-            failure.hint(format!("allow a larger --max-error, or more with --memory {}", enough(bytes)))
-        }
-        None => failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it"),
-    }
+    let Some(enough_for_one) = error.enough() else {
+        return failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it");
+    };
+    let plan = plan_bytes(planned, FINER * expected).unwrap_or_else(|| {
+        // Bricks grow with the cube of what voxels shrink by, at most.
+        let finer = search.next() / expected;
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let bytes = finer * finer * finer * enough_for_one as f64;
+        bytes
+    });
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let bytes = ((SPARE * plan) as u64).saturating_mul(PLANS).saturating_add(PROGRAM).max(LEAST);
+    let failure =
+        failure.hint(format!("allow a larger --max-error, or more with --memory {} or so", enough(bytes)));
+    let failure = edges(survey.pilot().scene()).into_iter().fold(failure, Failure::hint);
+    fewer_octaves(survey, goal, search).into_iter().fold(failure, Failure::hint)
+}
+
+/// About the bytes of a plan at a voxel size, from those at others: they grow as bricks do, with a power of the voxel size from 1
+/// for thin tubes to 3 for thick ones.
+fn plan_bytes(planned: &[[f64; 2]], voxel_size: f64) -> Option<f64> {
+    let mut finest: Vec<[f64; 2]> = planned.to_vec();
+    finest.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+    let [size, bytes] = *finest.first()?;
+    finest.truncate(2);
+    let power = Order::fit(&finest).map_or(3.0, |fit| (-fit.order).clamp(1.0, 3.0));
+    Some(bytes * libm::pow(size / voxel_size, power).max(1.0))
+}
+
+/// With how many octaves the voxels that there is room for would do.
+fn fewer_octaves(survey: &Survey<'_>, goal: Goal, search: &Search) -> Option<String> {
+    let scene = survey.pilot().scene();
+    let finest = search.steps().iter().min_by(|a, b| a.voxel_size.total_cmp(&b.voxel_size))?;
+    let octaves = (1..most_octaves(scene)).rev().find(|octaves| {
+        let scene = with_octaves(scene, *octaves);
+        let fewer = survey.of(&scene).error(finest.voxel_size, goal.metric);
+        fewer.is_ok_and(|error| error <= AIMED * goal.limit)
+    })?;
+    Some(format!(
+        "or leave out octaves: with octaves = {octaves}, at most, in every layer of noise, voxels of {} m would do, for which there is room",
+        figure(finest.voxel_size)
+    ))
 }
 
 /// Of an error that does not fall as it should, with what there is in the scene that makes it so.

@@ -326,7 +326,8 @@ fn bake(
     let (mut certificate, mut measuring) = (None, [0.0; 2]);
     if chosen.measures() {
         let begun = clock.read();
-        let held = grid.encoded_bytes() - grid.spooled_bytes() + plan.memory() as u64;
+        let spooled = [grid.spooled_bytes(), 0];
+        let held = spooled.map(|spooled| grid.encoded_bytes() - spooled + plan.memory() as u64);
         let made = certify::Made {
             job,
             output: &output,

@@ -1,5 +1,7 @@
 //! The error at a voxel size, from points alone.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use glam::DVec3;
 
 use super::around::around;
@@ -52,12 +54,25 @@ pub struct Survey<'a> {
     exact: Reference,
     look: Look,
     budget: u64,
+    /// Bytes that the last plans took.
+    planned: AtomicU64,
 }
 
 impl<'a> Survey<'a> {
     /// Of a scene at its time; plans take up to `budget` bytes.
     pub fn new(scene: &'a Scene, look: Look, budget: u64) -> Survey<'a> {
-        Survey { pilot: Pilot::new(scene, budget), exact: Reference::new(scene, None), look, budget }
+        let (pilot, exact) = (Pilot::new(scene, budget), Reference::new(scene, None));
+        Survey { pilot, exact, look, budget, planned: AtomicU64::new(0) }
+    }
+
+    /// The same look at another scene, held against that one's definition.
+    pub fn of<'b>(&self, scene: &'b Scene) -> Survey<'b> {
+        Survey::new(scene, self.look, self.budget)
+    }
+
+    /// Bytes of the budget that the last error was planned in.
+    pub fn planned(&self) -> u64 {
+        self.planned.load(Ordering::Relaxed)
     }
 
     /// The error at a voxel size in metres by a metric; 0 where there is no density.
@@ -68,6 +83,7 @@ impl<'a> Survey<'a> {
     pub fn error(&self, voxel_size: f64, metric: Metric) -> Result<f64, TrialError> {
         let lot = self.pilot.at(Lattice { voxel_size })?;
         let whole = lot.whole()?;
+        self.planned.store(whole.making().max(lot.plan.making()) as u64, Ordering::Relaxed);
         let mut points = around(&whole, MARGIN, self.look.points, self.look.stream).points;
         if metric == Metric::OpticalDepth {
             return self.along_rays(&lot, &points);

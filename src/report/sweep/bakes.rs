@@ -9,10 +9,11 @@ use crate::formats::vdb::{Compression, Encoder};
 use crate::report::around::around;
 use crate::report::exact::Exact;
 use crate::report::field::compare_at;
+use crate::report::octaves::{most_octaves, with_octaves};
 use crate::report::source::Gridded;
 use crate::report::survey::MARGIN;
 use crate::report::trial::{Lot, Pilot, Trial, TrialError, rows};
-use crate::scene::{Pattern, Scene};
+use crate::scene::Scene;
 use crate::volume::{Filter, Plan, PlanError, Precision, Tree};
 
 /// Times the scene's own voxel size.
@@ -102,32 +103,6 @@ impl Held {
             self.places = around(&self.whole, MARGIN, self.points, self.stream);
         }
     }
-}
-
-/// A scene with at most so many octaves in each layer; with none, without layers of noise.
-pub(super) fn with_octaves(scene: &Scene, most: u32) -> Scene {
-    let mut scene = scene.clone();
-    if most == 0 {
-        for tube in &mut scene.tubes {
-            tube.layers.retain(|layer| !matches!(layer.pattern, Pattern::Perlin(_)));
-        }
-    }
-    for layer in scene.tubes.iter_mut().flat_map(|tube| &mut tube.layers) {
-        if let Pattern::Perlin(noise) = &mut layer.pattern {
-            noise.octaves = noise.octaves.min(most);
-        }
-    }
-    scene
-}
-
-/// The most octaves of any layer.
-pub(super) fn most_octaves(scene: &Scene) -> u32 {
-    let layers = scene.tubes.iter().flat_map(|tube| &tube.layers);
-    let octaves = layers.map(|layer| match &layer.pattern {
-        Pattern::Perlin(noise) => noise.octaves,
-        Pattern::Constant(_) | Pattern::Sectors => 0,
-    });
-    octaves.max().unwrap_or(0)
 }
 
 impl Run<'_> {

@@ -6,7 +6,6 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::Run;
-use super::bakes::{most_octaves, with_octaves};
 use super::rows::{Cost, ImageError, Kind, Row, Settings, Spread};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{Compression, Encoder};
@@ -18,6 +17,7 @@ use crate::num::Level;
 use crate::report::exact::unlimited;
 use crate::report::flip::PIXELS_PER_DEGREE;
 use crate::report::image::{Picture as Image, compare_images};
+use crate::report::octaves::{most_octaves, with_octaves};
 use crate::report::parts::{Part, why};
 use crate::report::trial::{Pilot, TrialError, rows};
 use crate::scene::Scene;
