@@ -1,5 +1,7 @@
 //! A voxel size from an error, or from a file's size.
 
+use std::io;
+
 use clap::{Args, ValueEnum};
 
 use super::compare::figure;
@@ -7,13 +9,13 @@ use super::job::{Job, Moment, Options, Source, bounds};
 use super::memory::{Amount, PROGRAM, enough};
 use super::{Failure, text};
 use crate::field::{Field, Lattice};
-use crate::formats::vdb::{VdbGridBuilder, VdbWriteError};
+use crate::formats::vdb::{self, VdbGridBuilder};
 use crate::num::Level;
 use crate::report::{
     Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError, most_octaves, with_octaves,
 };
 use crate::scene::{Caps, Pattern, Radial, Scene};
-use crate::volume::{self, Filter, Plan, PlanError, Precision};
+use crate::volume::{self, Filter, PlanError, Precision};
 
 /// Points and rays of a pilot.
 const POINTS: usize = 30_000;
@@ -37,9 +39,10 @@ const FINER: f64 = 0.96;
 const SAMPLE: usize = 4096;
 /// Bytes of a certificate with some pilots.
 const CERTIFICATE: u64 = 6 << 10;
-/// What is aimed at of a file's size, and what is taken.
+/// What is aimed at of a file's size, what is taken of one that is foretold, and what a file takes at least.
 const AIM: f64 = 0.96;
-const TAKEN: [f64; 2] = [0.9, 0.99];
+const TAKEN: [f64; 2] = [0.92, 0.99];
+const FILLED: f64 = 0.9;
 /// The part of a limit that a pilot's error is at most where it is sure to be met.
 const AIMED: f64 = 0.88;
 /// Errors that fall with less than this power do not fall at all.
@@ -60,8 +63,9 @@ pub(super) struct AccuracyOptions {
     /// What that error is [default: l2]
     #[arg(long, value_enum, value_name = "METRIC", requires = "max_error")]
     error_metric: Option<MetricName>,
-    /// The most bytes that the file may take, such as 200MB: nearly the smallest voxels with which it does not take more; with
-    /// --max-error the error decides, and a bake that would take more is refused
+    /// The most bytes that the file may take, such as 200MB: finds voxels with which it takes no more, and at least 0.9 of them,
+    /// unless smaller voxels show no more, or of five bakes none lies between; with --max-error the error decides, and a bake
+    /// that would take more is refused
     #[arg(long, value_name = "SIZE", conflicts_with_all = ["voxel_size", "resolution", "frames"],
         allow_negative_numbers = true)]
     max_bytes: Option<Amount>,
@@ -102,6 +106,8 @@ pub(super) struct Chosen {
     pub(super) pilots: Vec<Step>,
     /// Bytes that the file is expected to take, where it may not take more than some.
     about: Option<u64>,
+    /// Whether smaller voxels make a larger file.
+    grows: bool,
     /// Whether values are stored in half precision.
     is_half: bool,
 }
@@ -110,6 +116,20 @@ impl Chosen {
     /// Whether the file is to be measured.
     pub(super) fn measures(&self) -> bool {
         self.certify || self.goal.is_some()
+    }
+
+    /// Why a file of so many bytes is not what was asked for. A last bake may be of few.
+    pub(super) fn misses(&self, bytes: u64, round: u32) -> Option<Miss> {
+        let most = self.most_bytes?;
+        #[allow(clippy::cast_precision_loss, reason = "a part")]
+        let part = bytes as f64 / most.max(1) as f64;
+        if bytes > most {
+            Some(Miss::Bytes(bytes))
+        } else if self.goal.is_none() && self.grows && part < FILLED && round < MOST_ROUNDS {
+            Some(Miss::Few(bytes))
+        } else {
+            None
+        }
     }
 
     /// Whether other voxels are of no use: smaller ones take more bytes, and larger ones miss the error.
@@ -124,6 +144,8 @@ pub(super) enum Miss {
     /// The error, and what it may be.
     Error([f64; 2]),
     Bytes(u64),
+    /// Too few of those that are allowed.
+    Few(u64),
 }
 
 impl AccuracyOptions {
@@ -153,12 +175,12 @@ impl AccuracyOptions {
             let voxel_size = by_error(&scene, goal, longest, precision, budget, &mut chosen, &stop)?;
             source.set_voxel_size(voxel_size);
             if let Some(most) = most_bytes {
-                let bytes = about(&Job::new(source, moment, options)?)?;
+                let bytes = about(&Job::new(source, moment, options)?, true)?;
                 chosen.about = Some(bytes);
                 if bytes > most {
                     let failure = too_large(&chosen, goal, &format!("about {}", text::bytes(bytes)), most);
                     // What the bytes are enough for, where they are for anything.
-                    by_bytes(source, moment, options, longest, most, &stop)?;
+                    by_bytes(source, moment, options, longest, (most, true), &stop)?;
                     let survey = Survey::new(&scene, pilot(precision), budget);
                     let error = survey.error(source.voxel_size(), goal.metric).unwrap_or(1.0);
                     return Err(match WITHIN * error {
@@ -170,27 +192,52 @@ impl AccuracyOptions {
                 }
             }
         } else if let Some(most) = most_bytes {
-            chosen.about = Some(by_bytes(source, moment, options, longest, most, &stop)?);
+            let (about, grows) =
+                by_bytes(source, moment, options, longest, (most, chosen.measures()), &stop)?;
+            (chosen.about, chosen.grows) = (Some(about), grows);
         }
         Ok(chosen)
     }
 }
 
-/// A smaller voxel after a bake that missed what was asked for.
-pub(super) fn smaller(chosen: &Chosen, voxel_size: f64, miss: Miss) -> f64 {
-    let factor = match (miss, chosen.goal) {
-        (Miss::Error([_, at_most]), Some(goal)) => {
-            libm::pow(NEXT * goal.limit / at_most, 1.0 / chosen.order.unwrap_or(1.0).clamp(0.5, 3.0))
-                .clamp(0.5, 0.98)
+/// Other voxels than those of bakes that missed what was asked for: smaller ones where the error was too large, or the file too
+/// small. Those are remembered whose files were small enough, and too large.
+#[derive(Debug, Default)]
+pub(super) struct Retry {
+    fits: Option<f64>,
+    exceeds: Option<f64>,
+}
+
+impl Retry {
+    /// After bake number `round` missed.
+    pub(super) fn next(&mut self, chosen: &Chosen, voxel_size: f64, miss: Miss, round: u32) -> f64 {
+        match miss {
+            Miss::Error([_, at_most]) => {
+                let limit = chosen.goal.map_or(at_most, |goal| goal.limit);
+                let order = chosen.order.unwrap_or(1.0).clamp(0.5, 3.0);
+                return voxel_size * libm::pow(NEXT * limit / at_most, 1.0 / order).clamp(0.5, 0.98);
+            }
+            Miss::Bytes(_) => self.exceeds = Some(voxel_size),
+            Miss::Few(_) => self.fits = Some(voxel_size),
         }
-        (Miss::Bytes(bytes), _) => {
-            #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-            let over = bytes as f64 / (AIM * chosen.most_bytes.unwrap_or(bytes).max(1) as f64);
-            libm::cbrt(over).max(1.01)
+        let (Miss::Bytes(bytes) | Miss::Few(bytes)) = miss else { return voxel_size };
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let over = bytes as f64 / (AIM * chosen.most_bytes.unwrap_or(bytes).max(1) as f64);
+        let factor = libm::cbrt(over);
+        let next = match miss {
+            Miss::Few(_) => voxel_size * factor.clamp(0.5, 0.99),
+            _ => voxel_size * factor.max(1.01),
+        };
+        match (self.exceeds, self.fits) {
+            // The last bake is of what is known to fit.
+            (_, Some(fits)) if round + 1 == MOST_ROUNDS => fits,
+            (Some(low), Some(high)) if low < high => {
+                let between = |part: f64| low * libm::pow(high / low, part);
+                next.clamp(between(0.2), between(0.8))
+            }
+            _ => next,
         }
-        _ => 0.9,
-    };
-    voxel_size * factor
+    }
 }
 
 /// What to say where no bake was good enough.
@@ -211,7 +258,7 @@ pub(super) fn missed(chosen: &Chosen, miss: Miss) -> Failure {
                 "allow a larger --max-error, or choose another --error-metric"
             })
         }
-        Miss::Bytes(bytes) => {
+        Miss::Bytes(bytes) | Miss::Few(bytes) => {
             let most = chosen.most_bytes.unwrap_or_default();
             let bytes = text::bytes(bytes);
             match chosen.goal {
@@ -504,52 +551,58 @@ fn edges(scene: &Scene) -> Vec<String> {
     hints
 }
 
-/// About the bytes of a job's file: the same at every run.
-fn about(job: &Job) -> Result<u64, Failure> {
+/// The bytes of a job's file, about where it has many bricks: the same at every run.
+fn about(job: &Job, certified: bool) -> Result<u64, Failure> {
+    let unknown = |error| Failure::failed("cannot foretell the file's size").because(error);
     let plan = job.plan()?;
-    let empty = job.empty_file()?;
     let sample = plan.sample(SAMPLE);
-    let bytes = bytes_of(job, &sample)
-        .map_err(|error| Failure::failed("cannot foretell the file's size").because(error))?;
-    let part = u128::from(bytes) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
-    // Nodes are few where bricks are many, but in a small file they are much of it.
-    let besides = empty + CERTIFICATE + job.bound(&plan).masks;
-    Ok(besides.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
-}
-
-/// Bytes that the values of a plan's bricks take in a file.
-fn bytes_of(job: &Job, plan: &Plan) -> Result<u64, VdbWriteError> {
     let mut grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
-    volume::bake(&job.field, plan, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})?;
-    Ok(grid.encoded_bytes())
+    volume::bake(&job.field, &sample, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})
+        .map_err(unknown)?;
+    let certificate = if certified { CERTIFICATE } else { 0 };
+    if sample.bricks() == plan.bricks() {
+        let header = job.file_header(&"0".repeat(64))?;
+        let whole = vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)]).map_err(unknown)?;
+        return Ok(whole + certificate);
+    }
+    let whole = |part: u64| {
+        let scaled = u128::from(part) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
+        u64::try_from(scaled).unwrap_or(u64::MAX)
+    };
+    // Masks of leaves that are, and of all nodes that may be: these are few where bricks are many.
+    let nodes = job.bound(&plan).masks.saturating_sub(64 * plan.bricks() as u64);
+    let leaves = 64 * whole(grid.stats().leaves);
+    Ok((job.empty_file()? + certificate + nodes + leaves).saturating_add(whole(grid.encoded_bytes())))
 }
 
+/// The bytes that a file of the voxels that are found takes, and whether smaller ones would show more. `certified` files hold
+/// what they are measured to be.
 fn by_bytes(
     source: &mut Source,
     moment: Moment,
     options: &Options,
     longest: f64,
-    most: u64,
+    (most, certified): (u64, bool),
     stop: &impl Fn() -> Result<(), Failure>,
-) -> Result<u64, Failure> {
+) -> Result<(u64, bool), Failure> {
     const TRIALS: usize = 12;
     let mut tried: Vec<[f64; 2]> = Vec::new();
     let mut voxel_size = longest / FIRST;
     for _ in 0..TRIALS {
         stop()?;
         source.set_voxel_size(voxel_size);
-        let found = about(&Job::new(source, moment, options)?)?;
+        let found = about(&Job::new(source, moment, options)?, certified)?;
         #[allow(clippy::cast_precision_loss, reason = "an estimate")]
         let [bytes, most] = [found as f64, most as f64];
         if (TAKEN[0] * most..=TAKEN[1] * most).contains(&bytes) {
-            return Ok(found);
+            return Ok((found, true));
         }
         // Where smaller voxels show no more, the file does not grow.
         if tried
             .iter()
             .any(|[size, other]| *size >= 2.0 * voxel_size && bytes <= 1.01 * other && bytes < most)
         {
-            return Ok(found);
+            return Ok((found, false));
         }
         tried.push([voxel_size, bytes]);
         let last: Vec<[f64; 2]> = tried.iter().rev().take(2).copied().collect();
@@ -567,7 +620,7 @@ fn by_bytes(
             source.set_voxel_size(*size);
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of bytes")]
             let bytes = *bytes as u64;
-            Ok(bytes)
+            Ok((bytes, true))
         }
         None => Err(Failure::failed(format!(
             "no file of at most {} shows anything of the scene",

@@ -202,11 +202,19 @@ fn bake_with<'a>(arguments: &[&'a str]) -> Vec<&'a str> {
 fn files_are_as_small_as_asked_for() {
     let folder = Folder::new();
     folder.put("asked.toml", windowed(3));
-    let report = folder.json(&bake_with(&["--max-bytes", "2MB"]));
-    let bytes = number(&report["bytes"]);
-    // A tenth is left of room; less is where bricks are many for voxels so few.
-    assert!((1_600_000..=2_000_000).contains(&bytes), "{bytes}");
-    assert_eq!(report["certificate"], Value::Null);
+    for (most, options) in
+        [(2_000_000, &[][..]), (300_000, &[]), (100_000, &["--certify"]), (700_000, &["--precision", "f16"])]
+    {
+        let asked = most.to_string();
+        let report = folder.json(&[&bake_with(&["--max-bytes", &asked])[..], options].concat());
+        let bytes = number(&report["bytes"]);
+        assert!((most * 9 / 10..=most).contains(&bytes), "{bytes} of {most}");
+        assert_eq!(report["certificate"].is_null(), options != ["--certify"]);
+    }
+    // More bricks than are sampled, of which some are empty.
+    folder.put("tornado.toml", shipped("tornado.toml", &[]));
+    let report = folder.json(&["bake", "tornado.toml", "-o", "tornado.vdb", "--max-bytes", "8MB", "--quiet"]);
+    assert!((7_200_000..=8_000_000).contains(&number(&report["bytes"])), "{}", report["bytes"]);
     let output = folder.run(&bake_with(&["--max-bytes", "100kB", "--max-error", "0.005"]));
     assert_eq!(code(&output), 1);
     assert!(errors(&output).contains("takes a file of about"), "{}", errors(&output));
@@ -276,6 +284,11 @@ fn verify_finds_one_voxel() {
     assert_eq!((&bad["holds"], &bad["content_hash"]["holds"]), (&false.into(), &false.into()));
     assert_eq!((&bad["bricks_that_differ"], &bad["certificate"]["holds"]), (&1.into(), &false.into()));
     assert!(errors(&output).contains("is not what its recipe makes"), "{}", errors(&output));
+    // In a few lines, of the many figures that it changes.
+    let faults = bad["certificate"]["faults"].as_array().expect("a list").len();
+    let told = text(&folder.run(&["verify", "altered.vdb"]));
+    assert!(faults > 5 && told.lines().count() < 20, "{faults}: {told}");
+    assert!(told.contains(&format!("and {} more, which --json lists", faults - 5)), "{told}");
 
     // A certificate that promises more than there is, in any figure.
     let bytes = folder.get("bent.vdb");
