@@ -183,6 +183,7 @@ impl Run<'_> {
 
     /// Other methods, and simpler noise.
     pub(super) fn more_pictures(&mut self) -> Result<(), TrialError> {
+        self.paper()?;
         if !self.time_for("the picture that others are held against") {
             return Ok(());
         }
@@ -227,8 +228,7 @@ impl Run<'_> {
         }
         let summed = in_the_middle(|marching| marching.count = NonZeroU32::new(64));
         self.way("density sum", "64 samples a ray, with shadows", summed, &best)?;
-        self.ways_inside("", &best)?;
-        self.paper()
+        self.ways_inside("", &best)
     }
 
     /// The table of Moinet's text (2022, section 5.2): all by its integrator, without shadows, as it has none, and held against a
