@@ -149,7 +149,7 @@ fn pictures(report: &Report) -> Plot {
         title: "Error of a picture against its time".to_owned(),
         axes: [
             Axis { label: "seconds to march a picture", format: words::seconds },
-            Axis { label: "relative error of luminance", format: words::part },
+            Axis { label: "relative error of the picture", format: words::part },
         ],
         series,
     }

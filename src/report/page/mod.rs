@@ -108,8 +108,9 @@ pub fn page(
         Section::new(
             "Error and cost",
             html! {
-                p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best of all." }
+                p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best that a command makes." }
                 div.plots { @for plot in &plots { figure { (PreEscaped(plot)) } } }
+                (fronts(report, file))
                 @if !report.orders.is_empty() { (orders(&report.orders)) }
             },
         ),
@@ -145,7 +146,7 @@ fn answer(report: &Report, file: &str) -> Markup {
             }
         }
         div.scroll {
-            table.answer {
+            table.answer.most {
                 thead { tr { th { "error at most" } th { "voxel" } th { "values" } th { "file" } th { "time" } th.wide { "command" } } }
                 tbody { @for answer in &answers { (answer_row(answer, file, report.time)) } }
             }
@@ -171,9 +172,9 @@ fn answer_row(answer: &Answer, file: &str, time: f64) -> Markup {
                     td { (words::bytes(setting.bytes)) }
                     td { (words::seconds(setting.seconds)) }
                     td.wide { code {
-                        "vdbake bake " (words::quoted(file)) " --voxel-size " (setting.voxel_size)
-                        @if time != 0.0 { " --time " (time) }
-                        @if setting.is_half { " --precision f16" }
+                        "vdbake bake " (words::quoted(file)) " " span.option { "--voxel-size " (setting.voxel_size) }
+                        @if time != 0.0 { " " span.option { "--time " (time) } }
+                        @if setting.is_half { " " span.option { "--precision f16" } }
                     } }
                 }
                 None => td.wide colspan="5" { "needs voxels far smaller than those that were measured" },
@@ -200,8 +201,8 @@ fn parts(report: &Report) -> Markup {
         }
     };
     html! {
-        div.scroll { table {
-            thead { tr { th {} th { "f32" } th { "share of the square" } th { "f16" } th.wide { "what it is" } } }
+        div.scroll { table.parts {
+            thead { tr { th {} th { "f32" } th.bar { "share of the square" } th { "f16" } th.wide { "what it is" } } }
             tbody {
                 (row("interpolation", "voxels and the filter between them", |parts| parts.interpolation))
                 (row("model", "octaves faded and thin parts widened for the voxel size", |parts| parts.model))
@@ -216,6 +217,35 @@ fn parts(report: &Report) -> Markup {
         (apart(report.parts.reason.as_deref(), "in f32"))
         (apart(report.parts_f16.reason.as_deref(), "in f16"))
         @if let Some(parts) = &report.image_parts { (image_parts(parts)) }
+    }
+}
+
+/// Rows that none beats, with the commands that make them.
+fn fronts(report: &Report, file: &str) -> Markup {
+    let front = |kind: Kind| {
+        let mut rows: Vec<(&Row, f64)> = (report.rows.iter())
+            .filter(|row| row.on_front && row.kind == kind)
+            .filter_map(|row| Some((row, row.level()?.error)))
+            .collect();
+        rows.sort_by(|a, b| a.1.total_cmp(&b.1));
+        rows
+    };
+    let named = |command: &str| command.replacen("SCENE", &words::quoted(file), 1);
+    let kinds = [(Kind::Bake, "Bakes"), (Kind::Picture, "Pictures")].map(|(kind, name)| (name, front(kind)));
+    html! {
+        @for (name, rows) in kinds.iter().filter(|(_, rows)| !rows.is_empty()) {
+            h3 { (name) " that no other beats in both" }
+            div.scroll { table.answer {
+                thead { tr { th { "error" } th { "time" } th { "file" } th.label { "setting" } th.wide { "command" } } }
+                tbody { @for (row, error) in rows { tr {
+                    th scope="row" { (words::part(*error)) }
+                    td { (row.cost.total.map_or_else(String::new, |total| words::seconds(total.median))) }
+                    td { (row.cost.bytes.map_or_else(String::new, bytes_of)) }
+                    td.label { (row.label) }
+                    td.wide { code { (row.command.as_deref().map_or_else(String::new, named)) } }
+                } } }
+            } }
+        }
     }
 }
 
@@ -336,13 +366,23 @@ fn tables(report: &Report) -> Markup {
         @for (kind, group) in &groups {
             details open {
                 summary { (group) @if *kind == Kind::Picture { " (pictures)" } }
-                div.scroll { (table(*kind, report.rows.iter().filter(|row| row.kind == *kind && row.group == *group))) }
+                div.scroll { (table(*kind, &of_group(report, *kind, group))) }
             }
         }
     }
 }
 
-fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
+/// The rows of a group, those of voxel sizes from the smallest.
+fn of_group<'a>(report: &'a Report, kind: Kind, group: &str) -> Vec<&'a Row> {
+    let mut rows: Vec<&Row> =
+        report.rows.iter().filter(|row| row.kind == kind && row.group == group).collect();
+    if group == answers::SIZES {
+        rows.sort_by(|a, b| a.settings.voxel_size.total_cmp(&b.settings.voxel_size));
+    }
+    rows
+}
+
+fn table(kind: Kind, rows: &[&Row]) -> Markup {
     let cell = |text: Option<String>| html! { td { (text.unwrap_or_else(|| "\u{2013}".to_owned())) } };
     let part = |x: Option<f64>| x.map(words::part);
     html! {

@@ -17,7 +17,7 @@ use plotters::style::{Color, FontStyle, IntoFont, RGBColor, ShapeStyle, TextStyl
 /// Pixels of a plot; a PNG has twice as many.
 pub(crate) const SIZE: [u32; 2] = [480, 360];
 /// Height of letters, in pixels.
-const LETTERS: f64 = 13.0;
+const LETTERS: f64 = 15.0;
 
 /// From a mark to its name.
 const BESIDE: f64 = 9.0;
@@ -226,8 +226,8 @@ impl Plot {
             .margin(pen.pixels(8.0))
             .margin_right(pen.pixels(24.0))
             .caption(&self.title, pen.text(LETTERS + 2.0, &INK))
-            .x_label_area_size(pen.pixels(40.0))
-            .y_label_area_size(pen.pixels(58.0))
+            .x_label_area_size(pen.pixels(44.0))
+            .y_label_area_size(pen.pixels(66.0))
             .build_cartesian_2d(xs, ys)
             .map_err(failed)?;
         chart
