@@ -32,9 +32,9 @@ const PLANS: u64 = 32;
 /// Bytes that pilots and bakes of any size can do with.
 const LEAST: u64 = 48 << 20;
 /// Times the memory that is expected to be needed.
-const SPARE: f64 = 1.08;
-/// Times the expected voxel that a search may try on its way.
-const FINER: f64 = 0.96;
+const SPARE: f64 = 1.05;
+/// Bytes of a brick that is baked, written, read and measured: as it is encoded, its values, and its place.
+const MEASURED: f64 = 3740.0;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
 /// Bytes of a certificate with some pilots.
@@ -331,7 +331,7 @@ fn by_error(
     if goal.metric == Metric::Max && jumps(scene) {
         search = search.of_jumps();
     }
-    // Voxel sizes, and bytes of their plans.
+    // Voxel sizes, and about the bytes that they take.
     let mut planned: Vec<[f64; 2]> = Vec::new();
     let outcome = loop {
         stop()?;
@@ -343,7 +343,8 @@ fn by_error(
             }
             Ok(error) => {
                 #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-                planned.push([search.next(), survey.planned() as f64]);
+                let [plan, bricks] = survey.planned().map(|count| count as f64);
+                planned.push([search.next(), (PLANS as f64 * plan).max(MEASURED * bricks)]);
                 error
             }
             Err(TrialError::Plan(error)) => {
@@ -423,24 +424,24 @@ fn unplanned(
     let Some(enough_for_one) = error.enough() else {
         return failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it");
     };
-    let plan = plan_bytes(planned, FINER * expected).unwrap_or_else(|| {
+    let needed = bytes_at(planned, expected).unwrap_or_else(|| {
         // Bricks grow with the cube of what voxels shrink by, at most.
         let finer = search.next() / expected;
         #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-        let bytes = finer * finer * finer * enough_for_one as f64;
+        let bytes = finer * finer * finer * PLANS as f64 * enough_for_one as f64;
         bytes
     });
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-    let bytes = ((SPARE * plan) as u64).saturating_mul(PLANS).saturating_add(PROGRAM).max(LEAST);
+    let bytes = ((SPARE * needed) as u64).saturating_add(PROGRAM).max(LEAST);
     let failure =
         failure.hint(format!("allow a larger --max-error, or more with --memory {} or so", enough(bytes)));
     let failure = edges(survey.pilot().scene()).into_iter().fold(failure, Failure::hint);
     fewer_octaves(survey, goal, search).into_iter().fold(failure, Failure::hint)
 }
 
-/// About the bytes of a plan at a voxel size, from those at others: they grow as bricks do, with a power of the voxel size from 1
+/// About the bytes that a voxel size takes, from those of others: they grow as bricks do, with a power of the voxel size from 1
 /// for thin tubes to 3 for thick ones.
-fn plan_bytes(planned: &[[f64; 2]], voxel_size: f64) -> Option<f64> {
+fn bytes_at(planned: &[[f64; 2]], voxel_size: f64) -> Option<f64> {
     let mut finest: Vec<[f64; 2]> = planned.to_vec();
     finest.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
     let [size, bytes] = *finest.first()?;
@@ -449,18 +450,33 @@ fn plan_bytes(planned: &[[f64; 2]], voxel_size: f64) -> Option<f64> {
     Some(bytes * libm::pow(size / voxel_size, power).max(1.0))
 }
 
-/// With how many octaves the voxels that there is room for would do.
+/// With how many octaves the smallest voxels that there is room for would do.
 fn fewer_octaves(survey: &Survey<'_>, goal: Goal, search: &Search) -> Option<String> {
+    const TRIALS: usize = 4;
     let scene = survey.pilot().scene();
-    let finest = search.steps().iter().min_by(|a, b| a.voxel_size.total_cmp(&b.voxel_size))?;
-    let octaves = (1..most_octaves(scene)).rev().find(|octaves| {
-        let scene = with_octaves(scene, *octaves);
-        let fewer = survey.of(&scene).error(finest.voxel_size, goal.metric);
-        fewer.is_ok_and(|error| error <= AIMED * goal.limit)
-    })?;
+    let most = most_octaves(scene);
+    let sizes = search.steps().iter().map(|step| step.voxel_size);
+    let (mut fits, mut fails) = (sizes.reduce(f64::min).filter(|_| most > 1)?, search.next());
+    for _ in 0..TRIALS {
+        let middle = (fits * fails).sqrt();
+        if survey.has_room(middle) { fits = middle } else { fails = middle }
+    }
+    let does = |octaves: u32| {
+        let scene = with_octaves(scene, octaves);
+        survey.of(&scene).error(fits, goal.metric).is_ok_and(|error| error <= AIMED * goal.limit)
+    };
+    if !does(1) {
+        return None;
+    }
+    // The more octaves, the larger the error.
+    let (mut few, mut many) = (1, most);
+    while many - few > 1 {
+        let middle = few.midpoint(many);
+        if does(middle) { few = middle } else { many = middle }
+    }
     Some(format!(
-        "or leave out octaves: with octaves = {octaves}, at most, in every layer of noise, voxels of {} m would do, for which there is room",
-        figure(finest.voxel_size)
+        "or leave out octaves: with octaves = {few}, at most, in every layer of noise, voxels of {} m would do, for which there is room",
+        figure(fits)
     ))
 }
 

@@ -90,11 +90,14 @@ fn parts_of_an_error_add_up_or_say_why_not() {
 }
 
 /// Bakes to an error, and measures at other points with another command.
-fn bake_to(folder: &Folder, scene: &str, error: f64) {
+fn bake_to(folder: &Folder, scene: &str, error: f64, memory: Option<&str>) {
     folder.put("asked.toml", scene);
     folder.put("truth.toml", unlimited(scene));
     let asked = error.to_string();
-    let report = folder.json(&["bake", "asked.toml", "-o", "asked.vdb", "--max-error", &asked, "--quiet"]);
+    let memory = memory.unwrap_or("16GiB");
+    let bake =
+        ["bake", "asked.toml", "-o", "asked.vdb", "--max-error", &asked, "--memory", memory, "--quiet"];
+    let report = folder.json(&bake);
     let reached = &report["certificate"]["goal"];
     let (achieved, at_most) = (real(&reached["achieved"]), real(&reached["at_most"]));
     assert!(at_most <= error && achieved >= 0.7 * error, "{error}: {reached}");
@@ -110,10 +113,55 @@ fn bake_to(folder: &Folder, scene: &str, error: f64) {
 #[test]
 fn errors_that_are_asked_for_are_met() {
     let folder = Folder::new();
-    let galaxy = shipped("galaxy.toml", &[("octaves = 7", "octaves = 1")]);
-    for scene in [windowed(1), windowed(3), galaxy] {
-        bake_to(&folder, &scene, 2e-2);
-        bake_to(&folder, &scene, 5e-3);
+    for scene in [windowed(1), windowed(3)] {
+        bake_to(&folder, &scene, 2e-2, None);
+        bake_to(&folder, &scene, 5e-3, None);
+    }
+    bake_to(&folder, &shipped("galaxy.toml", &[("octaves = 7", "octaves = 1")]), 2e-2, None);
+}
+
+#[test]
+fn a_refusal_says_with_how_many_octaves_an_error_is_met() {
+    let folder = Folder::new();
+    let galaxy = shipped("galaxy.toml", &[]);
+    folder.put("galaxy.toml", &galaxy);
+    let memory = "1GiB";
+    let arguments = ["bake", "galaxy.toml", "-o", "galaxy.vdb", "--max-error", "5e-3", "--memory", memory];
+    let output = folder.run(&arguments);
+    let told = errors(&output);
+    assert_eq!((code(&output), folder.made()), (1, vec!["galaxy.toml".to_owned()]), "{told}");
+    assert!(told.contains("too many to bake and to measure in the memory"), "{told}");
+    let octaves = told.split("with octaves = ").nth(1).and_then(|rest| rest.split(',').next());
+    let octaves = octaves.unwrap_or_else(|| panic!("{told}"));
+    let fewer = galaxy.replace("octaves = 7", &format!("octaves = {octaves}"));
+    bake_to(&folder, &fewer, 5e-3, Some(memory));
+}
+
+#[test]
+fn the_memory_that_a_refusal_names_is_enough() {
+    let folder = Folder::new();
+    folder.put("asked.toml", windowed(3));
+    let bake = |memory: &str| {
+        folder.run(&[
+            "bake",
+            "asked.toml",
+            "-o",
+            "asked.vdb",
+            "--max-error",
+            "1.5e-3",
+            "--memory",
+            memory,
+            "--quiet",
+        ])
+    };
+    // Too little to plan pilots in, and to read the file.
+    for little in ["24MiB", "40MiB", "50MiB"] {
+        let told = errors(&bake(little));
+        let named = told.split("more with --memory ").nth(1).and_then(|rest| rest.split(' ').next());
+        let named = named.unwrap_or_else(|| panic!("{little}: {told}"));
+        assert!(!told.contains("no voxel size fits"), "{told}");
+        let output = bake(named);
+        assert_eq!(code(&output), 0, "{named} after {little}: {}", errors(&output));
     }
 }
 
@@ -122,9 +170,9 @@ fn errors_that_are_asked_for_are_met() {
 fn errors_of_fine_noise_are_met() {
     let folder = Folder::new();
     let galaxy = shipped("galaxy.toml", &[("octaves = 7", "octaves = 2")]);
-    bake_to(&folder, &galaxy, 2e-2);
-    bake_to(&folder, &galaxy, 5e-3);
-    bake_to(&folder, &shipped("galaxy.toml", &[]), 5e-2);
+    bake_to(&folder, &galaxy, 2e-2, None);
+    bake_to(&folder, &galaxy, 5e-3, None);
+    bake_to(&folder, &shipped("galaxy.toml", &[]), 5e-2, None);
 }
 
 #[test]
