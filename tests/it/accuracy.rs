@@ -332,7 +332,11 @@ fn verify_finds_one_voxel() {
     assert_eq!((&bad["holds"], &bad["content_hash"]["holds"]), (&false.into(), &false.into()));
     assert_eq!((&bad["bricks_that_differ"], &bad["certificate"]["holds"]), (&1.into(), &false.into()));
     assert!(errors(&output).contains("is not what its recipe makes"), "{}", errors(&output));
-    // In a few lines, of the many figures that it changes.
+    // In a few lines, of the many figures that more than the last bit changes.
+    bytes[at + 2] ^= 0x40;
+    folder.put("altered.vdb", &bytes);
+    let output = folder.run(&["verify", "altered.vdb", "--json"]);
+    let bad: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let faults = bad["certificate"]["faults"].as_array().expect("a list").len();
     let told = text(&folder.run(&["verify", "altered.vdb"]));
     assert!(faults > 5 && told.lines().count() < 20, "{faults}: {told}");
