@@ -1,5 +1,7 @@
 //! A voxel size from an error, or from a file's size.
 
+use std::io;
+
 use clap::{Args, ValueEnum};
 
 use super::compare::figure;
@@ -7,11 +9,13 @@ use super::job::{Job, Moment, Options, Source, bounds};
 use super::memory::{Amount, PROGRAM, enough};
 use super::{Failure, text};
 use crate::field::{Field, Lattice};
-use crate::formats::vdb::{VdbGridBuilder, VdbWriteError};
+use crate::formats::vdb::{self, VdbGridBuilder};
 use crate::num::Level;
-use crate::report::{Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError};
+use crate::report::{
+    Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError, most_octaves, with_octaves,
+};
 use crate::scene::{Caps, Pattern, Radial, Scene};
-use crate::volume::{self, Filter, Plan, PlanError, Precision};
+use crate::volume::{self, Filter, PlanError, Precision};
 
 /// Points and rays of a pilot.
 const POINTS: usize = 30_000;
@@ -25,17 +29,24 @@ pub(super) const MOST_ROUNDS: u32 = 5;
 /// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
 /// takes 2 KiB then.
 const PLANS: u64 = 32;
-/// Bytes besides that bakes of any size can do with, on as many threads as there may be.
-const BAKE: u64 = 64 << 20;
-/// Times what pilots are expected to take.
-const SPARE: f64 = 2.0;
+/// Bytes that pilots and bakes of any size can do with.
+const LEAST: u64 = 48 << 20;
+/// Times the memory that is expected to be needed.
+const SPARE: f64 = 1.05;
+/// Bytes of a brick that is baked, written, read and measured: as it is encoded, its values, and its place.
+const MEASURED: f64 = 3740.0;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
 /// Bytes of a certificate with some pilots.
 const CERTIFICATE: u64 = 6 << 10;
-/// What is aimed at of a file's size, and what is taken.
+/// What is aimed at of a file's size, what is taken of one that is foretold, and what a file takes at least.
 const AIM: f64 = 0.96;
-const TAKEN: [f64; 2] = [0.9, 0.99];
+const TAKEN: [f64; 2] = [0.92, 0.99];
+const FILLED: f64 = 0.9;
+/// The part of a limit that a pilot's error is at most where it is sure to be met.
+const AIMED: f64 = 0.88;
+/// Errors that fall with less than this power do not fall at all.
+const NO_ORDER: f64 = 0.1;
 /// Times the error of a voxel size that its file is certain to meet.
 const WITHIN: f64 = 1.3;
 /// What is aimed at of an error after one that was too large, with all that points do not tell.
@@ -52,8 +63,9 @@ pub(super) struct AccuracyOptions {
     /// What that error is [default: l2]
     #[arg(long, value_enum, value_name = "METRIC", requires = "max_error")]
     error_metric: Option<MetricName>,
-    /// The most bytes that the file may take, such as 200MB: nearly the smallest voxels with which it does not take more; with
-    /// --max-error the error decides, and a bake that would take more is refused
+    /// The most bytes that the file may take, such as 200MB: finds voxels with which it takes no more, and at least 0.9 of them,
+    /// unless smaller voxels show no more, or of five bakes none lies between; with --max-error the error decides, and a bake
+    /// that would take more is refused
     #[arg(long, value_name = "SIZE", conflicts_with_all = ["voxel_size", "resolution", "frames"],
         allow_negative_numbers = true)]
     max_bytes: Option<Amount>,
@@ -94,6 +106,8 @@ pub(super) struct Chosen {
     pub(super) pilots: Vec<Step>,
     /// Bytes that the file is expected to take, where it may not take more than some.
     about: Option<u64>,
+    /// Whether smaller voxels make a larger file.
+    grows: bool,
     /// Whether values are stored in half precision.
     is_half: bool,
 }
@@ -102,6 +116,20 @@ impl Chosen {
     /// Whether the file is to be measured.
     pub(super) fn measures(&self) -> bool {
         self.certify || self.goal.is_some()
+    }
+
+    /// Why a file of so many bytes is not what was asked for. A last bake may be of few.
+    pub(super) fn misses(&self, bytes: u64, round: u32) -> Option<Miss> {
+        let most = self.most_bytes?;
+        #[allow(clippy::cast_precision_loss, reason = "a part")]
+        let part = bytes as f64 / most.max(1) as f64;
+        if bytes > most {
+            Some(Miss::Bytes(bytes))
+        } else if self.goal.is_none() && self.grows && part < FILLED && round < MOST_ROUNDS {
+            Some(Miss::Few(bytes))
+        } else {
+            None
+        }
     }
 
     /// Whether other voxels are of no use: smaller ones take more bytes, and larger ones miss the error.
@@ -116,6 +144,8 @@ pub(super) enum Miss {
     /// The error, and what it may be.
     Error([f64; 2]),
     Bytes(u64),
+    /// Too few of those that are allowed.
+    Few(u64),
 }
 
 impl AccuracyOptions {
@@ -145,12 +175,12 @@ impl AccuracyOptions {
             let voxel_size = by_error(&scene, goal, longest, precision, budget, &mut chosen, &stop)?;
             source.set_voxel_size(voxel_size);
             if let Some(most) = most_bytes {
-                let bytes = about(&Job::new(source, moment, options)?)?;
+                let bytes = about(&Job::new(source, moment, options)?, true)?;
                 chosen.about = Some(bytes);
                 if bytes > most {
                     let failure = too_large(&chosen, goal, &format!("about {}", text::bytes(bytes)), most);
                     // What the bytes are enough for, where they are for anything.
-                    by_bytes(source, moment, options, longest, most, &stop)?;
+                    by_bytes(source, moment, options, longest, (most, true), &stop)?;
                     let survey = Survey::new(&scene, pilot(precision), budget);
                     let error = survey.error(source.voxel_size(), goal.metric).unwrap_or(1.0);
                     return Err(match WITHIN * error {
@@ -162,27 +192,52 @@ impl AccuracyOptions {
                 }
             }
         } else if let Some(most) = most_bytes {
-            chosen.about = Some(by_bytes(source, moment, options, longest, most, &stop)?);
+            let (about, grows) =
+                by_bytes(source, moment, options, longest, (most, chosen.measures()), &stop)?;
+            (chosen.about, chosen.grows) = (Some(about), grows);
         }
         Ok(chosen)
     }
 }
 
-/// A smaller voxel after a bake that missed what was asked for.
-pub(super) fn smaller(chosen: &Chosen, voxel_size: f64, miss: Miss) -> f64 {
-    let factor = match (miss, chosen.goal) {
-        (Miss::Error([_, at_most]), Some(goal)) => {
-            libm::pow(NEXT * goal.limit / at_most, 1.0 / chosen.order.unwrap_or(1.0).clamp(0.5, 3.0))
-                .clamp(0.5, 0.98)
+/// Other voxels than those of bakes that missed what was asked for: smaller ones where the error was too large, or the file too
+/// small. Those are remembered whose files were small enough, and too large.
+#[derive(Debug, Default)]
+pub(super) struct Retry {
+    fits: Option<f64>,
+    exceeds: Option<f64>,
+}
+
+impl Retry {
+    /// After bake number `round` missed.
+    pub(super) fn next(&mut self, chosen: &Chosen, voxel_size: f64, miss: Miss, round: u32) -> f64 {
+        match miss {
+            Miss::Error([_, at_most]) => {
+                let limit = chosen.goal.map_or(at_most, |goal| goal.limit);
+                let order = chosen.order.unwrap_or(1.0).clamp(0.5, 3.0);
+                return voxel_size * libm::pow(NEXT * limit / at_most, 1.0 / order).clamp(0.5, 0.98);
+            }
+            Miss::Bytes(_) => self.exceeds = Some(voxel_size),
+            Miss::Few(_) => self.fits = Some(voxel_size),
         }
-        (Miss::Bytes(bytes), _) => {
-            #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-            let over = bytes as f64 / (AIM * chosen.most_bytes.unwrap_or(bytes).max(1) as f64);
-            libm::cbrt(over).max(1.01)
+        let (Miss::Bytes(bytes) | Miss::Few(bytes)) = miss else { return voxel_size };
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let over = bytes as f64 / (AIM * chosen.most_bytes.unwrap_or(bytes).max(1) as f64);
+        let factor = libm::cbrt(over);
+        let next = match miss {
+            Miss::Few(_) => voxel_size * factor.clamp(0.5, 0.99),
+            _ => voxel_size * factor.max(1.01),
+        };
+        match (self.exceeds, self.fits) {
+            // The last bake is of what is known to fit.
+            (_, Some(fits)) if round + 1 == MOST_ROUNDS => fits,
+            (Some(low), Some(high)) if low < high => {
+                let between = |part: f64| low * libm::pow(high / low, part);
+                next.clamp(between(0.2), between(0.8))
+            }
+            _ => next,
         }
-        _ => 0.9,
-    };
-    voxel_size * factor
+    }
 }
 
 /// What to say where no bake was good enough.
@@ -203,7 +258,7 @@ pub(super) fn missed(chosen: &Chosen, miss: Miss) -> Failure {
                 "allow a larger --max-error, or choose another --error-metric"
             })
         }
-        Miss::Bytes(bytes) => {
+        Miss::Bytes(bytes) | Miss::Few(bytes) => {
             let most = chosen.most_bytes.unwrap_or_default();
             let bytes = text::bytes(bytes);
             match chosen.goal {
@@ -272,6 +327,12 @@ fn by_error(
     let thickest = thickest(scene);
     let is_local = matches!(goal.metric, Metric::L2 | Metric::Max);
     let mut search = Search::new(goal.limit, if is_local { first.min(thickest) } else { first }, largest);
+    // Beside a jump a filtered value is off by half of it, whatever the voxel size.
+    if goal.metric == Metric::Max && jumps(scene) {
+        search = search.of_jumps();
+    }
+    // Voxel sizes, and about the bytes that they take.
+    let mut planned: Vec<[f64; 2]> = Vec::new();
     let outcome = loop {
         stop()?;
         let error = match survey.error(search.next(), goal.metric) {
@@ -280,8 +341,15 @@ fn by_error(
                 search = Search::new(goal.limit, thickest, largest);
                 continue;
             }
-            Ok(error) => error,
-            Err(TrialError::Plan(error)) => return Err(unplanned(goal, &search, longest, error)),
+            Ok(error) => {
+                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+                let [plan, bricks] = survey.planned().map(|count| count as f64);
+                planned.push([search.next(), (PLANS as f64 * plan).max(MEASURED * bricks)]);
+                error
+            }
+            Err(TrialError::Plan(error)) => {
+                return Err(unplanned(&survey, goal, &search, longest, &planned, error));
+            }
             Err(error) => return Err(Failure::failed("cannot try a voxel size").because(error)),
         };
         if let Some(outcome) = search.add(error) {
@@ -333,7 +401,15 @@ fn reached(search: &Search) -> String {
     })
 }
 
-fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Failure {
+/// Of voxels that there is no room for, with what to change.
+fn unplanned(
+    survey: &Survey<'_>,
+    goal: Goal,
+    search: &Search,
+    longest: f64,
+    planned: &[[f64; 2]],
+    error: PlanError,
+) -> Failure {
     let expected = search.expected();
     let room = if error.enough().is_some() { " to bake and to measure in the memory" } else { "" };
     let failure = Failure::failed(format!(
@@ -345,18 +421,63 @@ fn unplanned(goal: Goal, search: &Search, longest: f64, error: PlanError) -> Fai
         reached(search),
     ))
     .because(error);
-    match error.enough() {
-        Some(plan) => {
-            // Bricks grow with the cube of what voxels shrink by, at most; and the next pilots may say a little less.
-            let finer = search.next() / expected;
-            #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-            let pilots = SPARE * finer * finer * finer * plan as f64;
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-            let bytes = (pilots as u64).saturating_mul(PLANS).saturating_add(PROGRAM + BAKE);
-            failure.hint(format!("allow a larger --max-error, or more with --memory {}", enough(bytes)))
-        }
-        None => failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it"),
+    let Some(enough_for_one) = error.enough() else {
+        return failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it");
+    };
+    let needed = bytes_at(planned, expected).unwrap_or_else(|| {
+        // Bricks grow with the cube of what voxels shrink by, at most.
+        let finer = search.next() / expected;
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let bytes = finer * finer * finer * PLANS as f64 * enough_for_one as f64;
+        bytes
+    });
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let bytes = ((SPARE * needed) as u64).saturating_add(PROGRAM).max(LEAST);
+    let failure =
+        failure.hint(format!("allow a larger --max-error, or more with --memory {} or so", enough(bytes)));
+    let failure = edges(survey.pilot().scene()).into_iter().fold(failure, Failure::hint);
+    fewer_octaves(survey, goal, search).into_iter().fold(failure, Failure::hint)
+}
+
+/// About the bytes that a voxel size takes, from those of others: they grow as bricks do, with a power of the voxel size from 1
+/// for thin tubes to 3 for thick ones.
+fn bytes_at(planned: &[[f64; 2]], voxel_size: f64) -> Option<f64> {
+    let mut finest: Vec<[f64; 2]> = planned.to_vec();
+    finest.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+    let [size, bytes] = *finest.first()?;
+    finest.truncate(2);
+    let power = Order::fit(&finest).map_or(3.0, |fit| (-fit.order).clamp(1.0, 3.0));
+    Some(bytes * libm::pow(size / voxel_size, power).max(1.0))
+}
+
+/// With how many octaves the smallest voxels that there is room for would do.
+fn fewer_octaves(survey: &Survey<'_>, goal: Goal, search: &Search) -> Option<String> {
+    const TRIALS: usize = 4;
+    let scene = survey.pilot().scene();
+    let most = most_octaves(scene);
+    let sizes = search.steps().iter().map(|step| step.voxel_size);
+    let (mut fits, mut fails) = (sizes.reduce(f64::min).filter(|_| most > 1)?, search.next());
+    for _ in 0..TRIALS {
+        let middle = (fits * fails).sqrt();
+        if survey.has_room(middle) { fits = middle } else { fails = middle }
     }
+    let does = |octaves: u32| {
+        let scene = with_octaves(scene, octaves);
+        survey.of(&scene).error(fits, goal.metric).is_ok_and(|error| error <= AIMED * goal.limit)
+    };
+    if !does(1) {
+        return None;
+    }
+    // The more octaves, the larger the error.
+    let (mut few, mut many) = (1, most);
+    while many - few > 1 {
+        let middle = few.midpoint(many);
+        if does(middle) { few = middle } else { many = middle }
+    }
+    Some(format!(
+        "or leave out octaves: with octaves = {few}, at most, in every layer of noise, voxels of {} m would do, for which there is room",
+        figure(fits)
+    ))
 }
 
 /// Of an error that does not fall as it should, with what there is in the scene that makes it so.
@@ -371,14 +492,23 @@ fn slow(
     if let Some(failure) = coarse(survey, goal, search) {
         return failure;
     }
-    let failure = Failure::failed(format!(
-        "the {} falls only with the power {order:.2} of the voxel size{}; {} would take voxels of about {} m, {} along the longest side",
-        goal.metric.name(),
-        reached(search),
-        figure(goal.limit),
-        figure(voxel_size),
-        figure((longest / voxel_size).ceil()),
-    ));
+    let failure = Failure::failed(if order < NO_ORDER {
+        format!(
+            "the {} does not fall with the voxel size{}; no voxels are small enough for {}",
+            goal.metric.name(),
+            reached(search),
+            figure(goal.limit),
+        )
+    } else {
+        format!(
+            "the {} falls only with the power {order:.2} of the voxel size{}; {} would take voxels of about {} m, {} along the longest side",
+            goal.metric.name(),
+            reached(search),
+            figure(goal.limit),
+            figure(voxel_size),
+            figure((longest / voxel_size).ceil()),
+        )
+    });
     let mut hints = edges(survey.pilot().scene());
     let last = search.steps().last().map_or(voxel_size, |step| step.voxel_size);
     if hints.is_empty()
@@ -396,9 +526,21 @@ fn slow(
         Metric::L2 => {
             "else allow a larger --max-error, or ask for --error-metric mass or optical-depth, which edges matter less to".to_owned()
         }
+        Metric::Max => {
+            "else ask for another --error-metric, such as mass or optical-depth, which edges matter less to".to_owned()
+        }
         _ => "else allow a larger --max-error, or choose another --error-metric".to_owned(),
     });
     hints.into_iter().fold(failure, Failure::hint)
+}
+
+/// Whether a scene's density jumps anywhere: half of such a jump is missed at its place, however small voxels are.
+fn jumps(scene: &Scene) -> bool {
+    scene.tubes().iter().any(|tube| {
+        matches!(tube.radial, Radial::Hard)
+            || (tube.caps == Caps::Flat && !tube.curve.is_closed())
+            || tube.layers.iter().any(|layer| matches!(layer.pattern, Pattern::Sectors))
+    })
 }
 
 /// What in a scene makes edges, and what to change.
@@ -425,52 +567,58 @@ fn edges(scene: &Scene) -> Vec<String> {
     hints
 }
 
-/// About the bytes of a job's file: the same at every run.
-fn about(job: &Job) -> Result<u64, Failure> {
+/// The bytes of a job's file, about where it has many bricks: the same at every run.
+fn about(job: &Job, certified: bool) -> Result<u64, Failure> {
+    let unknown = |error| Failure::failed("cannot foretell the file's size").because(error);
     let plan = job.plan()?;
-    let empty = job.empty_file()?;
     let sample = plan.sample(SAMPLE);
-    let bytes = bytes_of(job, &sample)
-        .map_err(|error| Failure::failed("cannot foretell the file's size").because(error))?;
-    let part = u128::from(bytes) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
-    // Nodes are few where bricks are many, but in a small file they are much of it.
-    let besides = empty + CERTIFICATE + job.bound(&plan).masks;
-    Ok(besides.saturating_add(u64::try_from(part).unwrap_or(u64::MAX)))
-}
-
-/// Bytes that the values of a plan's bricks take in a file.
-fn bytes_of(job: &Job, plan: &Plan) -> Result<u64, VdbWriteError> {
     let mut grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
-    volume::bake(&job.field, plan, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})?;
-    Ok(grid.encoded_bytes())
+    volume::bake(&job.field, &sample, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})
+        .map_err(unknown)?;
+    let certificate = if certified { CERTIFICATE } else { 0 };
+    if sample.bricks() == plan.bricks() {
+        let header = job.file_header(&"0".repeat(64))?;
+        let whole = vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)]).map_err(unknown)?;
+        return Ok(whole + certificate);
+    }
+    let whole = |part: u64| {
+        let scaled = u128::from(part) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
+        u64::try_from(scaled).unwrap_or(u64::MAX)
+    };
+    // Masks of leaves that are, and of all nodes that may be: these are few where bricks are many.
+    let nodes = job.bound(&plan).masks.saturating_sub(64 * plan.bricks() as u64);
+    let leaves = 64 * whole(grid.stats().leaves);
+    Ok((job.empty_file()? + certificate + nodes + leaves).saturating_add(whole(grid.encoded_bytes())))
 }
 
+/// The bytes that a file of the voxels that are found takes, and whether smaller ones would show more. `certified` files hold
+/// what they are measured to be.
 fn by_bytes(
     source: &mut Source,
     moment: Moment,
     options: &Options,
     longest: f64,
-    most: u64,
+    (most, certified): (u64, bool),
     stop: &impl Fn() -> Result<(), Failure>,
-) -> Result<u64, Failure> {
+) -> Result<(u64, bool), Failure> {
     const TRIALS: usize = 12;
     let mut tried: Vec<[f64; 2]> = Vec::new();
     let mut voxel_size = longest / FIRST;
     for _ in 0..TRIALS {
         stop()?;
         source.set_voxel_size(voxel_size);
-        let found = about(&Job::new(source, moment, options)?)?;
+        let found = about(&Job::new(source, moment, options)?, certified)?;
         #[allow(clippy::cast_precision_loss, reason = "an estimate")]
         let [bytes, most] = [found as f64, most as f64];
         if (TAKEN[0] * most..=TAKEN[1] * most).contains(&bytes) {
-            return Ok(found);
+            return Ok((found, true));
         }
         // Where smaller voxels show no more, the file does not grow.
         if tried
             .iter()
             .any(|[size, other]| *size >= 2.0 * voxel_size && bytes <= 1.01 * other && bytes < most)
         {
-            return Ok(found);
+            return Ok((found, false));
         }
         tried.push([voxel_size, bytes]);
         let last: Vec<[f64; 2]> = tried.iter().rev().take(2).copied().collect();
@@ -488,7 +636,7 @@ fn by_bytes(
             source.set_voxel_size(*size);
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of bytes")]
             let bytes = *bytes as u64;
-            Ok(bytes)
+            Ok((bytes, true))
         }
         None => Err(Failure::failed(format!(
             "no file of at most {} shows anything of the scene",

@@ -175,7 +175,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
             }
         };
         let not_this = |failure| left(if index == 0 { &[] } else { &moments[index..] }, failure);
-        let mut round = 1;
+        let (mut round, mut retry) = (1, accuracy::Retry::default());
         let (report, dimensions) = loop {
             match one(&source, &mut progress, round).map_err(not_this)? {
                 Ok(done) => break done,
@@ -183,7 +183,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
                     return Err(not_this(accuracy::missed(&chosen, miss)));
                 }
                 Err(miss) => {
-                    let voxel_size = accuracy::smaller(&chosen, source.voxel_size(), miss);
+                    let voxel_size = retry.next(&chosen, source.voxel_size(), miss, round);
                     source.set_voxel_size(voxel_size);
                     progress.again();
                     round += 1;
@@ -326,7 +326,8 @@ fn bake(
     let (mut certificate, mut measuring) = (None, [0.0; 2]);
     if chosen.measures() {
         let begun = clock.read();
-        let held = grid.encoded_bytes() - grid.spooled_bytes() + plan.memory() as u64;
+        let spooled = [grid.spooled_bytes(), 0];
+        let held = spooled.map(|spooled| grid.encoded_bytes() - spooled + plan.memory() as u64);
         let made = certify::Made {
             job,
             output: &output,
@@ -353,8 +354,8 @@ fn bake(
         bytes = put(&mut output, &header)?;
         certificate = Some(found);
     }
-    if chosen.most_bytes.is_some_and(|most| bytes > most) {
-        return Ok(Err(Miss::Bytes(bytes)));
+    if let Some(miss) = chosen.misses(bytes, round) {
+        return Ok(Err(miss));
     }
     // Of what was there before: the new file is never beside it.
     certify::forget(path)?;

@@ -84,14 +84,14 @@ pub(super) fn read_beside(beside: &Path) -> Option<Result<Certificate, String>> 
     Some(read.and_then(|_| serde_json::from_str(&text).map_err(|error| error.to_string())))
 }
 
-/// Memory that is enough to read and to measure so many bricks, beside what is held and what reading asked for.
+/// Memory that is about enough to read and to measure so many bricks, beside what is held and what reading asked for.
 fn needed(held: u64, bricks: u64, asked: u64) -> String {
-    /// Bytes of a brick: its values, its place, and those in three plans.
-    const BRICK: u64 = 4096;
+    /// Bytes of a brick: its values, and its place.
+    const BRICK: u64 = 2240;
     /// Of nodes that hold few bricks.
-    const NODES: u64 = 16 << 20;
-    let grid = bricks.saturating_mul(BRICK).saturating_add(NODES).max(asked.saturating_mul(2));
-    format!("allow more with --memory {}", enough(held.saturating_add(PROGRAM).saturating_add(grid)))
+    const NODES: u64 = 4 << 20;
+    let grid = bricks.saturating_mul(BRICK).saturating_add(NODES).max(asked.saturating_add(asked / 16));
+    format!("allow more with --memory {} or so", enough(held.saturating_add(PROGRAM).saturating_add(grid)))
 }
 
 /// Reads the density of a file that was baked, of about so many bricks.
@@ -154,8 +154,8 @@ pub(super) struct Made<'a> {
     pub(super) header: &'a FileHeader,
     /// The hash of all values.
     pub(super) content: &'a str,
-    /// Bytes of the memory that its bake holds.
-    pub(super) held: u64,
+    /// Bytes of the memory that its bake holds, and that it would hold of one that is not short.
+    pub(super) held: [u64; 2],
     /// Bricks of its plan.
     pub(super) bricks: u64,
 }
@@ -169,9 +169,9 @@ pub(super) fn certified(
     let Made { job, output, path, header, content, held, bricks } = made;
     let mut file = output.file();
     file.rewind().map_err(|error| disk::failure(path, error.into()))?;
-    let budget = job.budget().saturating_sub(held + PROGRAM);
+    let budget = job.budget().saturating_sub(held[0] + PROGRAM);
     let large = Failure::failed("the file takes too much memory to be measured");
-    let besides = [*held, *bricks];
+    let besides = [held[1], *bricks];
     let tree = read(file, path, budget, besides, large)?;
     let precision = job.encoder.precision();
     let (measured, found, _) = measured(&job.scene, job.lattice, tree, precision, budget, besides)?;

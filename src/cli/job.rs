@@ -161,6 +161,8 @@ pub(super) struct Source {
     lattice: Lattice,
     /// Bytes that the process took at most until the first job was compiled.
     resident: OnceLock<u64>,
+    /// Whether the voxel size was found by a search, and is not the user's.
+    searched: bool,
 }
 
 impl Source {
@@ -173,7 +175,7 @@ impl Source {
             (None, None) => start.bake().step,
         };
         let lattice = Lattice { voxel_size: voxel_size(step, &start)? };
-        Ok(Source { start, lattice, resident: OnceLock::new() })
+        Ok(Source { start, lattice, resident: OnceLock::new(), searched: false })
     }
 
     /// Metres.
@@ -184,6 +186,7 @@ impl Source {
     /// Settles another voxel size, in metres.
     pub(super) fn set_voxel_size(&mut self, voxel_size: f64) {
         self.lattice = Lattice { voxel_size };
+        self.searched = true;
     }
 
     /// Compiles the scene for a time.
@@ -222,6 +225,8 @@ pub(super) struct Job {
     budget: Amount,
     /// Bytes that the process took at most until the scene was compiled.
     resident: u64,
+    /// Whether the voxel size was found by a search, and is not the user's.
+    searched: bool,
 }
 
 impl Job {
@@ -250,7 +255,8 @@ impl Job {
         let budget = options.scene.budget();
         // What earlier frames took is given back, and must not count for this one.
         let resident = *source.resident.get_or_init(memory::resident);
-        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident })
+        let searched = source.searched;
+        Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident, searched })
     }
 
     /// Voxels along each side of the density's bounds.
@@ -340,6 +346,13 @@ impl Job {
             ),
         });
         let more = format!("allow more with --memory {}", memory::enough(enough));
+        // Other voxels would be no answer to what they were searched for.
+        if self.searched {
+            // Before bricks are found their number is known within a factor of a few only.
+            let about = if bricks.is_none() { " or so" } else { "" };
+            return failure
+                .hint(format!("{more}{about}, or ask for a larger --max-error or a smaller --max-bytes"));
+        }
         match self.fitting(self.coarser(self.lattice.voxel_size, need)) {
             Some(size) => failure.hint(format!("--voxel-size {size} fits, or {more}")),
             None => failure.hint(format!("no voxel size fits that leaves any of the density: {more}")),

@@ -242,9 +242,12 @@ fn human(report: &Report, output: &Path) -> String {
     );
     let orders: Vec<String> = (report.orders.iter())
         .map(|order| {
-            let off = order.measured.uncertainty.map_or_else(String::new, |off| format!(" +- {off:.2}"));
             let [name, power] = [order.metric, order.filter];
-            format!("{power} {name}: {:.2}{off}, {} if all were smooth", order.measured.order, order.theory)
+            let Some(measured) = order.measured else {
+                return format!("{power} {name}: unknown, {}", order.why);
+            };
+            let off = measured.uncertainty.map_or_else(String::new, |off| format!(" +- {off:.2}"));
+            format!("{power} {name}: {:.2}{off}, {} if all were smooth", measured.order, order.theory)
         })
         .collect();
     table.rows("orders", &orders, "unknown");
@@ -263,7 +266,7 @@ fn human(report: &Report, output: &Path) -> String {
         table.row("a bake pays", frames);
     }
     if !report.left_out.is_empty() {
-        table.rows("no time for", &report.left_out, "");
+        table.rows("left out", &report.left_out, "");
     }
     table.finish()
 }

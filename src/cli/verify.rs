@@ -26,6 +26,8 @@ use crate::volume::{Plan, Precision};
 
 /// Figures of a certificate are the same on every run, but for what JSON keeps of them.
 const SAME: f64 = 1e-9;
+/// Faults of a certificate that are shown: one altered voxel changes most of its figures.
+const SHOWN: usize = 5;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -147,10 +149,12 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         Some(Meta::String(creator)) => creator.clone(),
         _ => String::new(),
     };
-    let text = |name: &str| match metadata.get(name) {
-        Some(Meta::String(text)) => Ok(text.as_str()),
-        _ => Err(foreign(path, name, &creator)),
+    let optional = |name: &str| match metadata.get(name) {
+        None => Ok(None),
+        Some(Meta::String(text)) => Ok(Some(text.as_str())),
+        Some(_) => Err(Failure::input(format!("{name} in {} is not a text", path.display()))),
     };
+    let text = |name: &str| optional(name)?.ok_or_else(|| foreign(path, name, &creator));
     text("vdbake_settings")?;
     if creator != CREATOR && !creator.is_empty() {
         global.note(&format!("the file is by {}, and this is {CREATOR}", text::tidy(&creator)));
@@ -168,7 +172,8 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     if !is_size || !ANY.admits(recipe.time) {
         return Err(damaged("settings"));
     }
-    let scene = scene(arguments, text("vdbake_scene")?, text("vdbake_inputs").ok())?.at(recipe.time)?;
+    let scene = scene(arguments, text("vdbake_scene")?, optional("vdbake_inputs")?)?.at(recipe.time)?;
+    let own = optional(certify::CERTIFICATE)?;
     let lattice = Lattice { voxel_size: recipe.voxel_size };
     let mut field = Field::compile(&scene);
     field.widen(lattice);
@@ -188,9 +193,9 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         rederive(&tree, &field, &plan, scene.bake().cutoff, precision, arguments.bricks);
     interrupt.check()?;
 
-    let (beside, other) = beside(path, text(certify::CERTIFICATE).ok(), &content).unzip();
+    let (beside, other) = beside(path, own, &content).unzip();
     // One that lies beside it alone is held against the file as if it were in it.
-    let certificate = text(certify::CERTIFICATE).ok().map(str::to_owned).or(other.flatten());
+    let certificate = own.map(str::to_owned).or(other.flatten());
     let mut exported = Vec::new();
     let certified = if certificate.is_some() || arguments.export.is_some() {
         let (measured, found, residuals) =
@@ -503,8 +508,11 @@ fn human(report: &Report) -> String {
         None => table.row("certificate", "none"),
         Some(certified) => {
             table.row("certificate", holds(certified.holds));
-            for fault in &certified.faults {
+            for fault in certified.faults.iter().take(SHOWN) {
                 table.row("", fault);
+            }
+            if let Some(more) = certified.faults.len().checked_sub(SHOWN).filter(|more| *more > 0) {
+                table.row("", format!("and {} more, which --json lists", text::count(more as u64)));
             }
         }
     }

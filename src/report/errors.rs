@@ -136,6 +136,40 @@ const DRAWS: usize = 1000;
 /// Of these the lowest and the highest that are left out, each.
 const TAIL: usize = DRAWS / 40;
 
+/// What a thousand draws give, each of as many groups as there are, with repetition, of which every sum is taken (the
+/// bootstrap, Efron 1979); the first sum is how many of something a group holds, and groups of none are left out. `None`
+/// without any other.
+pub(super) fn drawn<const SUMS: usize, const FIGURES: usize>(
+    mut groups: Vec<[f64; SUMS]>,
+    stream: u64,
+    figures: impl Fn(&[f64; SUMS]) -> [f64; FIGURES] + Sync,
+) -> Option<Vec<[f64; FIGURES]>> {
+    groups.retain(|group| group[0] > 0.0);
+    if groups.is_empty() {
+        return None;
+    }
+    let stride = groups.len().max(GROUPS);
+    let draw = |draw: usize| {
+        let mut sums = [0.0; SUMS];
+        for n in 0..groups.len() {
+            let group = &groups[below(stream, (draw * stride + n) as u64, groups.len())];
+            for (sum, term) in sums.iter_mut().zip(group) {
+                *sum += term;
+            }
+        }
+        figures(&sums)
+    };
+    Some((0..DRAWS).into_par_iter().map(draw).collect())
+}
+
+/// The interval that holds 95 % of a figure's draws.
+pub(super) fn between<const FIGURES: usize>(draws: &[[f64; FIGURES]], figure: usize) -> [f64; 2] {
+    let mut values: Vec<f64> = draws.iter().map(|draw| draw[figure]).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let place = |place: usize| values.get(place).copied().unwrap_or(f64::NAN);
+    [place(TAIL), place(DRAWS - 1 - TAIL)]
+}
+
 /// By the bootstrap (Efron 1979) over groups: point i is of group i modulo 1000, so that each group is spread over all of
 /// space as the whole is; as many groups are drawn, with repetition, a thousand times, and the percentiles of what the draws
 /// give taken. `None` without any finite pair.
@@ -151,28 +185,12 @@ pub fn intervals(a: &[f64], b: &[f64]) -> Option<Intervals> {
             }
         }
     }
-    groups.retain(|group| group[0] > 0.0);
-    if groups.is_empty() {
-        return None;
-    }
-    let draw = |draw: usize| {
-        let mut sums = [0.0; 7];
-        for n in 0..groups.len() {
-            let group = &groups[below(STREAM, (draw * GROUPS + n) as u64, groups.len())];
-            for (sum, term) in sums.iter_mut().zip(group) {
-                *sum += term;
-            }
-        }
-        let [count, rest @ ..] = sums;
+    let draws = drawn(groups, STREAM, |sums| {
+        let [count, rest @ ..] = *sums;
         let [l1, square, bias, a, b, own] = rest.map(|sum| sum / count);
         [l1, square.sqrt(), bias, a, b, b / a, (square / own).sqrt()]
-    };
-    let draws: Vec<[f64; 7]> = (0..DRAWS).into_par_iter().map(draw).collect();
-    let interval = |of: usize| {
-        let mut values: Vec<f64> = draws.iter().map(|draw| draw[of]).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        [values[TAIL], values[DRAWS - 1 - TAIL]]
-    };
+    })?;
+    let interval = |of: usize| between(&draws, of);
     let relative = interval(6);
     let mean = [interval(3), interval(4)];
     let certain = mean[0][0] > 0.0 || mean[0][1] < 0.0;

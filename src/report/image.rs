@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::blocks::{ImageIntervals, intervals};
 use super::colour::{from_srgb, tone_map};
 use super::errors::Errors;
 use super::flip::flip;
@@ -39,6 +40,8 @@ pub struct ImageDifference {
     pub only: [Vec<String>; 2],
     /// As an observer sees it; null where there is no colour or luminance.
     pub flip: Option<Flip>,
+    /// Bootstrap intervals of 95 % of the figures over all channels, and of FLIP's mean; null for a single pixel.
+    pub intervals: Option<ImageIntervals>,
 }
 
 /// How a channel differs.
@@ -104,7 +107,9 @@ pub fn compare_images(
     };
     let names: Vec<&str> = shared.iter().map(|(name, ..)| name.as_str()).collect();
     let flip = colours(&names).map(|names| seen(a, b, &names, exposure, pixels_per_degree));
-    Some(ImageDifference { pixels: a.size, all, channels, only, flip })
+    let values: Vec<(&[f32], &[f32])> = shared.iter().map(|(_, a, b)| (*a, *b)).collect();
+    let intervals = intervals(a.size, &values, all.errors.peak, flip.as_ref().map(|flip| &*flip.map));
+    Some(ImageDifference { pixels: a.size, all, channels, only, flip, intervals })
 }
 
 /// Without those that are infinite alike, as the depth is where there is nothing: they do not differ.

@@ -12,6 +12,7 @@
 //! All places are fixed and all sums are taken in one order, so the same two inputs give the same figures at every run.
 
 mod around;
+mod blocks;
 mod certificate;
 mod colour;
 mod errors;
@@ -20,6 +21,7 @@ mod field;
 pub mod flip;
 mod goal;
 mod image;
+mod octaves;
 mod order;
 pub mod page;
 mod parts;
@@ -37,6 +39,7 @@ mod verify;
 mod voxels;
 
 pub use around::around;
+pub use blocks::ImageIntervals;
 pub use certificate::{Certificate, Measured, Reached, measure};
 pub use colour::{from_srgb, tone_map};
 pub use errors::{Errors, Intervals, Scaled, intervals};
@@ -44,6 +47,7 @@ pub use exact::{Exact, unlimited};
 pub use field::{Depth, FieldDifference, Mass, Places, Residuals, compare, compare_at};
 pub use goal::{Goal, Metric};
 pub use image::{ChannelDifference, ImageDifference, Picture, compare_images};
+pub use octaves::{most_octaves, with_octaves};
 pub use order::Order;
 pub use parts::{Chain, Part, Parts};
 pub use ray::{Chord, chords};

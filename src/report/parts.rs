@@ -55,6 +55,31 @@ pub struct Chain<'a> {
 /// More or less than this, and the parts do not add up.
 const APART: f64 = 0.2;
 
+/// Why the squares of parts do not add up to the whole's, where the root of their sum is more than a fifth more or less: the
+/// two that depend most on each other. `steps` lead from the truth to what is measured, each by the part of its name.
+pub(super) fn why<const PARTS: usize>(
+    steps: &[&[f64]],
+    names: [&str; PARTS],
+    of_whole: Option<f64>,
+) -> Option<String> {
+    of_whole.filter(|ratio| (ratio - 1.0).abs() > APART)?;
+    let count = steps.iter().map(|step| step.len()).min().unwrap_or(0);
+    let product = |a: usize, b: usize| -> f64 {
+        let step = |part: usize, n: usize| steps[part + 1][n] - steps[part][n];
+        (0..count).map(|n| step(a, n) * step(b, n)).sum()
+    };
+    let pairs = (0..PARTS).flat_map(|a| (a + 1..PARTS).map(move |b| [a, b]));
+    let all = pairs.map(|[a, b]| (product(a, b), [a, b]));
+    let (most, [a, b]) = all.max_by(|x, y| x.0.abs().total_cmp(&y.0.abs()))?;
+    let scale = (product(a, a) * product(b, b)).sqrt();
+    Some(format!(
+        "{} and {} are not independent: their correlation is {:.2}",
+        names[a],
+        names[b],
+        if scale > 0.0 { most / scale } else { 0.0 }
+    ))
+}
+
 impl Parts {
     /// Takes an error apart.
     pub fn new(chain: &Chain<'_>) -> Parts {
@@ -76,21 +101,8 @@ impl Parts {
             [model, rounding, interpolation, quantisation].iter().map(|part| part.rms * part.rms).sum();
         let root_sum_square = squares.sqrt();
         let of_whole = (whole.rms > 0.0).then(|| root_sum_square / whole.rms);
-        let reason = of_whole.filter(|ratio| (ratio - 1.0).abs() > APART).map(|_| {
-            let names = ["model", "rounding", "interpolation", "quantisation"];
-            let step = |part: usize, n: usize| steps[part + 1][n] - steps[part][n];
-            let pairs = (0..4).flat_map(|a| (a + 1..4).map(move |b| (a, b)));
-            let product = |(a, b)| (mean(&|n| step(a, n) * step(b, n)), (a, b));
-            let most = pairs.map(product).max_by(|x, y| x.0.abs().total_cmp(&y.0.abs()));
-            let (product, (a, b)) = most.unwrap_or((0.0, (0, 1)));
-            let scale = part(a, a + 1).rms * part(b, b + 1).rms;
-            format!(
-                "{} and {} are not independent: their correlation is {:.2}",
-                names[a],
-                names[b],
-                if scale > 0.0 { product / scale } else { 0.0 }
-            )
-        });
+        let names = ["model", "rounding", "interpolation", "quantisation"];
+        let reason = why(&steps, names, of_whole);
         Parts {
             points: count as u64,
             whole,

@@ -38,6 +38,7 @@ pub struct Search {
     steps: Vec<Step>,
     next: f64,
     slow: u32,
+    rough: f64,
 }
 
 /// What is aimed at, as a part of the limit: room for what points do not tell.
@@ -58,7 +59,13 @@ const USUAL: f64 = 2.0;
 impl Search {
     /// For an error of at most `limit`, from a first voxel size, up to the largest, both in metres.
     pub fn new(limit: f64, first: f64, largest: f64) -> Search {
-        Search { limit, largest, steps: vec![], next: first.min(largest), slow: 0 }
+        Search { limit, largest, steps: vec![], next: first.min(largest), slow: 0, rough: ROUGH }
+    }
+
+    /// The same for an error that is as large as the largest jump of what is searched for, however small voxels are: that it does
+    /// not fall shows from the first voxels on.
+    pub fn of_jumps(self) -> Search {
+        Search { rough: f64::INFINITY, ..self }
     }
 
     /// What to try next.
@@ -106,7 +113,7 @@ impl Search {
         let finer = last.is_some_and(|last| voxel_size < last.voxel_size);
         let power = order.map(|order| order.order);
         self.slow = match power {
-            Some(power) if finer && error < ROUGH && error > self.limit && power < SLOW => self.slow + 1,
+            Some(power) if finer && error < self.rough && error > self.limit && power < SLOW => self.slow + 1,
             _ => 0,
         };
         if let Some(power) = power.filter(|_| self.slow >= 2) {
@@ -207,6 +214,18 @@ mod tests {
         // A limit that is near is met all the same.
         let (outcome, _) = run(0.12, 0.05, 1.0, |h| h.sqrt());
         assert!(matches!(outcome, Outcome::Found(_)), "{outcome:?}");
+    }
+
+    #[test]
+    fn errors_of_jumps_are_told_however_large_they_are() {
+        let mut search = Search::new(0.05, 0.05, 1.0).of_jumps();
+        let outcome = loop {
+            if let Some(outcome) = search.add(0.99) {
+                break outcome;
+            }
+        };
+        assert!(matches!(outcome, Outcome::Slow { order, .. } if order.abs() < 1e-9), "{outcome:?}");
+        assert_eq!(search.steps().len(), 3);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The error at a voxel size, from points alone.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use glam::DVec3;
 
 use super::around::around;
@@ -52,12 +54,30 @@ pub struct Survey<'a> {
     exact: Reference,
     look: Look,
     budget: u64,
+    /// Bytes that the last plans took, and bricks of the bake.
+    planned: [AtomicU64; 2],
 }
 
 impl<'a> Survey<'a> {
     /// Of a scene at its time; plans take up to `budget` bytes.
     pub fn new(scene: &'a Scene, look: Look, budget: u64) -> Survey<'a> {
-        Survey { pilot: Pilot::new(scene, budget), exact: Reference::new(scene, None), look, budget }
+        let (pilot, exact) = (Pilot::new(scene, budget), Reference::new(scene, None));
+        Survey { pilot, exact, look, budget, planned: [0; 2].map(AtomicU64::new) }
+    }
+
+    /// The same look at another scene, held against that one's definition.
+    pub fn of<'b>(&self, scene: &'b Scene) -> Survey<'b> {
+        Survey::new(scene, self.look, self.budget)
+    }
+
+    /// Whether the bricks of a voxel size can be planned.
+    pub fn has_room(&self, voxel_size: f64) -> bool {
+        self.pilot.at(Lattice { voxel_size }).and_then(|lot| lot.whole()).is_ok()
+    }
+
+    /// Bytes of the budget that the last error was planned in, and bricks of the bake.
+    pub fn planned(&self) -> [u64; 2] {
+        [0, 1].map(|which| self.planned[which].load(Ordering::Relaxed))
     }
 
     /// The error at a voxel size in metres by a metric; 0 where there is no density.
@@ -68,6 +88,10 @@ impl<'a> Survey<'a> {
     pub fn error(&self, voxel_size: f64, metric: Metric) -> Result<f64, TrialError> {
         let lot = self.pilot.at(Lattice { voxel_size })?;
         let whole = lot.whole()?;
+        let planned = [whole.making().max(lot.plan.making()), lot.plan.bricks()];
+        for (kept, found) in self.planned.iter().zip(planned) {
+            kept.store(found as u64, Ordering::Relaxed);
+        }
         let mut points = around(&whole, MARGIN, self.look.points, self.look.stream).points;
         if metric == Metric::OpticalDepth {
             return self.along_rays(&lot, &points);
@@ -141,10 +165,11 @@ impl<'a> Survey<'a> {
                 &single
             }
         };
+        let kernel = lot.kernel(points)?;
         Ok(Parts::new(&Chain {
             truth,
-            limited: &Exact::at(&limited, points),
-            kernel: &lot.kernel(points)?,
+            limited: &Exact::guided(&limited, points, &kernel),
+            kernel: &kernel,
             voxels,
             stored,
         }))

@@ -90,11 +90,14 @@ fn parts_of_an_error_add_up_or_say_why_not() {
 }
 
 /// Bakes to an error, and measures at other points with another command.
-fn bake_to(folder: &Folder, scene: &str, error: f64) {
+fn bake_to(folder: &Folder, scene: &str, error: f64, memory: Option<&str>) {
     folder.put("asked.toml", scene);
     folder.put("truth.toml", unlimited(scene));
     let asked = error.to_string();
-    let report = folder.json(&["bake", "asked.toml", "-o", "asked.vdb", "--max-error", &asked, "--quiet"]);
+    let memory = memory.unwrap_or("16GiB");
+    let bake =
+        ["bake", "asked.toml", "-o", "asked.vdb", "--max-error", &asked, "--memory", memory, "--quiet"];
+    let report = folder.json(&bake);
     let reached = &report["certificate"]["goal"];
     let (achieved, at_most) = (real(&reached["achieved"]), real(&reached["at_most"]));
     assert!(at_most <= error && achieved >= 0.7 * error, "{error}: {reached}");
@@ -110,10 +113,55 @@ fn bake_to(folder: &Folder, scene: &str, error: f64) {
 #[test]
 fn errors_that_are_asked_for_are_met() {
     let folder = Folder::new();
-    let galaxy = shipped("galaxy.toml", &[("octaves = 7", "octaves = 1")]);
-    for scene in [windowed(1), windowed(3), galaxy] {
-        bake_to(&folder, &scene, 2e-2);
-        bake_to(&folder, &scene, 5e-3);
+    for scene in [windowed(1), windowed(3)] {
+        bake_to(&folder, &scene, 2e-2, None);
+        bake_to(&folder, &scene, 5e-3, None);
+    }
+    bake_to(&folder, &shipped("galaxy.toml", &[("octaves = 7", "octaves = 1")]), 2e-2, None);
+}
+
+#[test]
+fn a_refusal_says_with_how_many_octaves_an_error_is_met() {
+    let folder = Folder::new();
+    let galaxy = shipped("galaxy.toml", &[]);
+    folder.put("galaxy.toml", &galaxy);
+    let memory = "1GiB";
+    let arguments = ["bake", "galaxy.toml", "-o", "galaxy.vdb", "--max-error", "5e-3", "--memory", memory];
+    let output = folder.run(&arguments);
+    let told = errors(&output);
+    assert_eq!((code(&output), folder.made()), (1, vec!["galaxy.toml".to_owned()]), "{told}");
+    assert!(told.contains("too many to bake and to measure in the memory"), "{told}");
+    let octaves = told.split("with octaves = ").nth(1).and_then(|rest| rest.split(',').next());
+    let octaves = octaves.unwrap_or_else(|| panic!("{told}"));
+    let fewer = galaxy.replace("octaves = 7", &format!("octaves = {octaves}"));
+    bake_to(&folder, &fewer, 5e-3, Some(memory));
+}
+
+#[test]
+fn the_memory_that_a_refusal_names_is_enough() {
+    let folder = Folder::new();
+    folder.put("asked.toml", windowed(3));
+    let bake = |memory: &str| {
+        folder.run(&[
+            "bake",
+            "asked.toml",
+            "-o",
+            "asked.vdb",
+            "--max-error",
+            "1.5e-3",
+            "--memory",
+            memory,
+            "--quiet",
+        ])
+    };
+    // Too little to plan pilots in, and to read the file.
+    for little in ["24MiB", "40MiB", "50MiB"] {
+        let told = errors(&bake(little));
+        let named = told.split("more with --memory ").nth(1).and_then(|rest| rest.split(' ').next());
+        let named = named.unwrap_or_else(|| panic!("{little}: {told}"));
+        assert!(!told.contains("no voxel size fits"), "{told}");
+        let output = bake(named);
+        assert_eq!(code(&output), 0, "{named} after {little}: {}", errors(&output));
     }
 }
 
@@ -122,9 +170,9 @@ fn errors_that_are_asked_for_are_met() {
 fn errors_of_fine_noise_are_met() {
     let folder = Folder::new();
     let galaxy = shipped("galaxy.toml", &[("octaves = 7", "octaves = 2")]);
-    bake_to(&folder, &galaxy, 2e-2);
-    bake_to(&folder, &galaxy, 5e-3);
-    bake_to(&folder, &shipped("galaxy.toml", &[]), 5e-2);
+    bake_to(&folder, &galaxy, 2e-2, None);
+    bake_to(&folder, &galaxy, 5e-3, None);
+    bake_to(&folder, &shipped("galaxy.toml", &[]), 5e-2, None);
 }
 
 #[test]
@@ -168,6 +216,24 @@ fn hard_edges_are_refused_with_a_reason() {
         assert!(told.contains(part), "{part}: {told}");
     }
     assert_eq!(folder.made(), ["hard.toml"]);
+    // The largest error stays, and that is why, whatever the memory.
+    for (radius, limit, memory) in
+        [("0.3", "0.05", "200MiB"), ("0.05", "0.2", "64MiB"), ("0.3", "0.02", "2GiB")]
+    {
+        folder.put("hard.toml", hard.replace("0.3\nenv", &format!("{radius}\nenv")));
+        let arguments = ["--max-error", limit, "--error-metric", "max", "--memory", memory];
+        let output = folder.run(&[&["bake", "hard.toml", "-o", "hard.vdb"][..], &arguments].concat());
+        let told = errors(&output);
+        assert_eq!(code(&output), 1, "{told}");
+        for part in
+            ["the largest error over the peak ", "fall", "tube \"pipe\" has a hard edge", "--error-metric"]
+        {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+        assert!(!told.contains("--memory") && !told.contains("-0.0"), "{told}");
+    }
+    folder.put("hard.toml", hard);
+    assert_eq!(folder.made(), ["hard.toml"]);
     // What it can do: mass, for which edges are anti-aliased, and a soft edge.
     let mass =
         ["bake", "hard.toml", "-o", "hard.vdb", "--max-error", "0.01", "--error-metric", "mass", "--quiet"];
@@ -184,11 +250,19 @@ fn bake_with<'a>(arguments: &[&'a str]) -> Vec<&'a str> {
 fn files_are_as_small_as_asked_for() {
     let folder = Folder::new();
     folder.put("asked.toml", windowed(3));
-    let report = folder.json(&bake_with(&["--max-bytes", "2MB"]));
-    let bytes = number(&report["bytes"]);
-    // A tenth is left of room; less is where bricks are many for voxels so few.
-    assert!((1_600_000..=2_000_000).contains(&bytes), "{bytes}");
-    assert_eq!(report["certificate"], Value::Null);
+    for (most, options) in
+        [(2_000_000, &[][..]), (300_000, &[]), (100_000, &["--certify"]), (700_000, &["--precision", "f16"])]
+    {
+        let asked = most.to_string();
+        let report = folder.json(&[&bake_with(&["--max-bytes", &asked])[..], options].concat());
+        let bytes = number(&report["bytes"]);
+        assert!((most * 9 / 10..=most).contains(&bytes), "{bytes} of {most}");
+        assert_eq!(report["certificate"].is_null(), options != ["--certify"]);
+    }
+    // More bricks than are sampled, of which some are empty.
+    folder.put("tornado.toml", shipped("tornado.toml", &[]));
+    let report = folder.json(&["bake", "tornado.toml", "-o", "tornado.vdb", "--max-bytes", "8MB", "--quiet"]);
+    assert!((7_200_000..=8_000_000).contains(&number(&report["bytes"])), "{}", report["bytes"]);
     let output = folder.run(&bake_with(&["--max-bytes", "100kB", "--max-error", "0.005"]));
     assert_eq!(code(&output), 1);
     assert!(errors(&output).contains("takes a file of about"), "{}", errors(&output));
@@ -258,6 +332,15 @@ fn verify_finds_one_voxel() {
     assert_eq!((&bad["holds"], &bad["content_hash"]["holds"]), (&false.into(), &false.into()));
     assert_eq!((&bad["bricks_that_differ"], &bad["certificate"]["holds"]), (&1.into(), &false.into()));
     assert!(errors(&output).contains("is not what its recipe makes"), "{}", errors(&output));
+    // In a few lines, of the many figures that more than the last bit changes.
+    bytes[at + 2] ^= 0x40;
+    folder.put("altered.vdb", &bytes);
+    let output = folder.run(&["verify", "altered.vdb", "--json"]);
+    let bad: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let faults = bad["certificate"]["faults"].as_array().expect("a list").len();
+    let told = text(&folder.run(&["verify", "altered.vdb"]));
+    assert!(faults > 5 && told.lines().count() < 20, "{faults}: {told}");
+    assert!(told.contains(&format!("and {} more, which --json lists", faults - 5)), "{told}");
 
     // A certificate that promises more than there is, in any figure.
     let bytes = folder.get("bent.vdb");

@@ -99,6 +99,25 @@ fn files_by_others_are_said_to_be_theirs() {
 }
 
 #[test]
+fn metadata_of_other_types_are_named() {
+    let folder = Folder::new();
+    bake(&folder, &["--certify"]);
+    let bytes = folder.get("bent.vdb");
+    for name in ["vdbake_certificate", "vdbake_settings", "vdbake_scene", "vdbake_content_hash"] {
+        // A name is followed by its type, each behind its length.
+        let entry = [name.as_bytes(), &6_u32.to_le_bytes(), b"string"].concat();
+        let at = bytes.windows(entry.len()).position(|part| part == entry).expect("an entry");
+        let mut other = bytes.clone();
+        other[at + name.len() + 4..at + entry.len()].copy_from_slice(b"custom");
+        folder.put("other.vdb", &other);
+        let output = folder.run(&["verify", "other.vdb"]);
+        let told = errors(&output);
+        assert_eq!(code(&output), 3, "{told}");
+        assert!(told.contains(&format!("{name} in other.vdb is not a text")), "{told}");
+    }
+}
+
+#[test]
 fn verify_asks_for_what_it_needs() {
     let folder = Folder::new();
     bake(&folder, &[]);

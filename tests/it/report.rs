@@ -27,7 +27,7 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         ("precision and codec", 5),
         ("octaves", 5),
         ("baked", 3),
-        ("steps", 7),
+        ("steps", 8),
         ("paper", 5),
         ("growing step", 2),
         ("mapping", 3),
@@ -48,13 +48,24 @@ fn every_axis_has_its_rows_with_errors_and_times() {
         assert!(0.0 < least && least <= median && median <= most && number(&total["count"]) == 2, "{row}");
         let is_picture = row["kind"] == "picture";
         assert_eq!(row["image"].is_object(), is_picture, "{row}");
+        if is_picture {
+            // The figure is one that squares of its pixels would give.
+            for figure in ["rmse", "relative", "psnr", "flip"] {
+                let [low, high] = [0, 1].map(|end| real(&row["image"]["intervals"][figure][end]));
+                let value = real(&row["image"][figure]);
+                assert!(low <= value && value <= high && low < high, "{figure}: {row}");
+            }
+            // The fourth root of 48 * 27, rounded up.
+            assert_eq!(row["image"]["intervals"]["block"], 6);
+        }
         // Both axes, whatever it is held against.
         assert_eq!(row["field"]["errors"]["l2"]["of_rms"].is_number(), !is_picture, "{row}");
-        let altered =
-            ["frame", "conservation", "overlap", "segments"].iter().any(|group| row["group"] == *group);
+        let altered = ["frame", "conservation", "overlap", "segments", "paper"]
+            .iter()
+            .any(|group| row["group"] == *group);
         let is_other = row["label"].as_str().is_some_and(|label| label.starts_with("a helix"));
         assert_eq!(row["is_own"], !(altered || is_other), "{row}");
-        assert!(row["is_own"] == true || row["on_front"] == false, "{row}");
+        assert!(row["on_front"] == false || (row["is_own"] == true && row["command"].is_string()), "{row}");
         assert!(
             is_picture || (number(&row["cost"]["bytes"]) > 0 && real(&row["cost"]["ns_per_voxel"]) > 0.0),
             "{row}"
@@ -114,7 +125,8 @@ fn every_axis_has_its_rows_with_errors_and_times() {
     };
     for row in all.iter().filter(|row| row["on_front"] == true) {
         let own = level(row).expect("on a front");
-        let same = all.iter().filter(|other| other["kind"] == row["kind"] && other["is_own"] == true);
+        let can_be_chosen = |other: &&Value| other["is_own"] == true && other["command"].is_string();
+        let same = all.iter().filter(|other| other["kind"] == row["kind"]).filter(can_be_chosen);
         assert!(!same.filter_map(level).any(|other| other[0] < own[0] && other[1] < own[1]), "{row}");
     }
     for parts in ["parts", "parts_f16"] {
@@ -124,8 +136,25 @@ fn every_axis_has_its_rows_with_errors_and_times() {
     for part in ["model", "interpolation", "quantisation", "early_exit", "step", "whole"] {
         assert!(real(&report["image_parts"][part]["rms"]) >= 0.0);
     }
+    let apart = (real(&report["image_parts"]["of_whole"]) - 1.0).abs();
+    assert!(apart <= 0.2 || report["image_parts"]["reason"].is_string(), "{}", report["image_parts"]);
     assert!(real(&report["pays_after"]["bake"]) > 0.0 && number(&report["machine"]["threads"]) > 0);
-    assert_eq!(report["orders"].as_array().map(Vec::len), Some(12));
+    let orders = report["orders"].as_array().expect("a list");
+    assert_eq!(orders.len(), 12);
+    for order in orders {
+        // Never over sizes that do not show the density.
+        let error = |size: f64| {
+            let sizes = rows(&report, "voxel size and filter");
+            let row = sizes.into_iter().find(|row| {
+                row["settings"]["filter"] == order["filter"] && real(&row["settings"]["voxel_size"]) == size
+            });
+            l2(row.expect("a row"))
+        };
+        let sizes: Vec<f64> = order["voxel_sizes"].as_array().expect("a list").iter().map(real).collect();
+        assert_eq!(order["measured"].is_null(), sizes.is_empty(), "{order}");
+        assert!(sizes.is_empty() || sizes.len() >= 3 && order["why"].is_string(), "{order}");
+        assert!(order["metric"] != "l2" || sizes.iter().all(|size| error(*size) <= 0.25), "{order}");
+    }
 }
 
 #[test]
@@ -152,12 +181,14 @@ fn a_csv_has_a_line_for_each_row_and_time_is_kept() {
         );
         assert_eq!(cell("is_own") == "true", row["is_own"] == true);
         assert_eq!(cell("bytes").parse().ok(), row["cost"]["bytes"].as_u64());
+        let flip = &row["image"]["intervals"]["flip"][1];
+        assert_eq!(cell("image_flip_high").parse().ok(), flip.as_f64());
     }
     let left = report["left_out"].as_array().expect("a list");
     assert!(!left.is_empty() && left.iter().any(|what| what == "10000 segments"), "{left:?}");
     // In words: what is missing, too.
     let words = text(&folder.run(&arguments));
-    assert!(words.contains("no time for") && words.contains("orders"), "{words}");
+    assert!(words.contains("left out") && words.contains("orders"), "{words}");
 }
 
 #[test]

@@ -44,7 +44,9 @@ fn front(report: &Report, name: &'static str, title: &str, x: Axis, cost: fn(&Ro
         at.iter().all(|x| *x > 0.0).then_some(Point { at, interval: held(row), label: None })
     };
     let mut series: Vec<Series> = Vec::new();
-    let mut best: Vec<[f64; 2]> = bakes.iter().filter_map(|row| point(&row)).map(|point| point.at).collect();
+    // A line through what one could choose.
+    let can = bakes.iter().filter(|row| row.can_be_chosen());
+    let mut best: Vec<[f64; 2]> = can.filter_map(|row| point(&row)).map(|point| point.at).collect();
     best.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut least = f64::INFINITY;
     best.retain(|[_, error]| {
@@ -77,8 +79,11 @@ fn convergence(report: &Report) -> Plot {
             })
             .collect();
         let order = report.orders.iter().find(|order| order.filter == filter && order.metric == "l2");
-        if let (Some(order), Some(finest), Some(coarsest)) = (order, points.first(), points.last()) {
-            let name = format!("{filter}, {:.2}", order.measured.order);
+        let measured = order.and_then(|order| Some((order, order.measured?.order)));
+        if let (Some((order, power)), Some(finest), Some(coarsest)) =
+            (measured, points.first(), points.last())
+        {
+            let name = format!("{filter}, {power:.2}");
             // From the finest, as steep as theory has it.
             let theory = [finest.at[0], coarsest.at[0].min(3.0 * finest.at[0])].map(|size| Point {
                 at: [size, finest.at[1] * libm::pow(size / finest.at[0], order.theory)],
@@ -129,7 +134,7 @@ fn pictures(report: &Report) -> Plot {
         let Some(level) = level(row).filter(|level| level.iter().all(|x| *x > 0.0)) else { continue };
         let name =
             if row.settings.filter.is_some() { "baked" } else { row.settings.method.unwrap_or("other") };
-        let point = Point { at: level, interval: None, label: None };
+        let point = Point { at: level, interval: held(row), label: None };
         match series.iter_mut().find(|series| series.name == name) {
             Some(series) => series.points.push(point),
             None => series.push(Series {
@@ -144,7 +149,7 @@ fn pictures(report: &Report) -> Plot {
         title: "Error of a picture against its time".to_owned(),
         axes: [
             Axis { label: "seconds to march a picture", format: words::seconds },
-            Axis { label: "relative error of luminance", format: words::part },
+            Axis { label: "relative error of the picture", format: words::part },
         ],
         series,
     }

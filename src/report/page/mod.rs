@@ -13,7 +13,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, PreEscaped, html};
 
-use super::sweep::{ImageParts, Kind, PaysAfter, Report, Row};
+use super::sweep::{ImageParts, Kind, OrderOf, PAPER, PaysAfter, Report, Row};
 use super::{Part, Parts};
 use crate::formats::png;
 use answers::Answer;
@@ -108,8 +108,10 @@ pub fn page(
         Section::new(
             "Error and cost",
             html! {
-                p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best of all." }
+                p { "Every mark is a bake or a picture that was made; bars are 95\u{202f}% intervals. Dashed: the best that a command makes." }
                 div.plots { @for plot in &plots { figure { (PreEscaped(plot)) } } }
+                (fronts(report, file))
+                @if !report.orders.is_empty() { (orders(&report.orders)) }
             },
         ),
         Section::new("Where the error comes from", parts(report)),
@@ -117,6 +119,7 @@ pub fn page(
     for (gallery, shown) in galleries.iter().zip(&pictures) {
         sections.push(Section::new(gallery.title, html! { p { (gallery.text) } (shown) }));
     }
+    sections.extend(paper(report));
     sections.extend(more);
     sections.push(Section::new("All figures", tables(report)));
     sections.push(Section::new("How it was measured", method(report)));
@@ -143,7 +146,7 @@ fn answer(report: &Report, file: &str) -> Markup {
             }
         }
         div.scroll {
-            table.answer {
+            table.answer.most {
                 thead { tr { th { "error at most" } th { "voxel" } th { "values" } th { "file" } th { "time" } th.wide { "command" } } }
                 tbody { @for answer in &answers { (answer_row(answer, file, report.time)) } }
             }
@@ -169,9 +172,9 @@ fn answer_row(answer: &Answer, file: &str, time: f64) -> Markup {
                     td { (words::bytes(setting.bytes)) }
                     td { (words::seconds(setting.seconds)) }
                     td.wide { code {
-                        "vdbake bake " (words::quoted(file)) " --voxel-size " (setting.voxel_size)
-                        @if time != 0.0 { " --time " (time) }
-                        @if setting.is_half { " --precision f16" }
+                        "vdbake bake " (words::quoted(file)) " " span.option { "--voxel-size " (setting.voxel_size) }
+                        @if time != 0.0 { " " span.option { "--time " (time) } }
+                        @if setting.is_half { " " span.option { "--precision f16" } }
                     } }
                 }
                 None => td.wide colspan="5" { "needs voxels far smaller than those that were measured" },
@@ -198,8 +201,8 @@ fn parts(report: &Report) -> Markup {
         }
     };
     html! {
-        div.scroll { table {
-            thead { tr { th {} th { "f32" } th { "share of the square" } th { "f16" } th.wide { "what it is" } } }
+        div.scroll { table.parts {
+            thead { tr { th {} th { "f32" } th.bar { "share of the square" } th { "f16" } th.wide { "what it is" } } }
             tbody {
                 (row("interpolation", "voxels and the filter between them", |parts| parts.interpolation))
                 (row("model", "octaves faded and thin parts widened for the voxel size", |parts| parts.model))
@@ -211,9 +214,119 @@ fn parts(report: &Report) -> Markup {
         @if let Some(of_whole) = report.parts.of_whole {
             p.note { "Together, as the root of the sum of their squares, they are " (words::part(of_whole)) " of the whole in f32." }
         }
+        (apart(report.parts.reason.as_deref(), "in f32"))
+        (apart(report.parts_f16.reason.as_deref(), "in f16"))
         @if let Some(parts) = &report.image_parts { (image_parts(parts)) }
-        @if let Some(reason) = report.parts.reason.as_ref() { p.note { "The parts' squares do not add up to the whole: " (reason) "." } }
     }
+}
+
+/// Rows that none beats, with the commands that make them.
+fn fronts(report: &Report, file: &str) -> Markup {
+    let front = |kind: Kind| {
+        let mut rows: Vec<(&Row, f64)> = (report.rows.iter())
+            .filter(|row| row.on_front && row.kind == kind)
+            .filter_map(|row| Some((row, row.level()?.error)))
+            .collect();
+        rows.sort_by(|a, b| a.1.total_cmp(&b.1));
+        rows
+    };
+    let named = |command: &str| command.replacen("SCENE", &words::quoted(file), 1);
+    let kinds = [(Kind::Bake, "Bakes"), (Kind::Picture, "Pictures")].map(|(kind, name)| (name, front(kind)));
+    html! {
+        @for (name, rows) in kinds.iter().filter(|(_, rows)| !rows.is_empty()) {
+            h3 { (name) " that no other beats in both" }
+            div.scroll { table.answer {
+                thead { tr { th { "error" } th { "time" } th { "file" } th.label { "setting" } th.wide { "command" } } }
+                tbody { @for (row, error) in rows { tr {
+                    th scope="row" { (words::part(*error)) }
+                    td { (row.cost.total.map_or_else(String::new, |total| words::seconds(total.median))) }
+                    td { (row.cost.bytes.map_or_else(String::new, bytes_of)) }
+                    td.label { (row.label) }
+                    td.wide { code { (row.command.as_deref().map_or_else(String::new, named)) } }
+                } } }
+            } }
+        }
+    }
+}
+
+/// The powers with which errors fall, by filter and metric.
+fn orders(all: &[OrderOf]) -> Markup {
+    let cell = |filter: &str, metric: &str| {
+        let found = all.iter().find(|order| order.filter == filter && order.metric == metric);
+        let measured = found.and_then(|order| order.measured);
+        let text = measured.map_or_else(
+            || "\u{2013}".to_owned(),
+            |order| match order.uncertainty {
+                Some(off) => format!("{:.2} \u{b1} {off:.2}", order.order),
+                None => format!("{:.2}", order.order),
+            },
+        );
+        html! { td title=[found.map(|order| order.why.as_str())] { (text) } }
+    };
+    let metrics = [("l1", "L1"), ("l2", "L2"), ("max", "largest"), ("optical-depth", "optical depth")];
+    let mut filters: Vec<(&str, f64)> = Vec::new();
+    for order in all {
+        if !filters.iter().any(|(filter, _)| *filter == order.filter) {
+            filters.push((order.filter, order.theory));
+        }
+    }
+    // Each reason once, with what it is of.
+    let mut unknown: Vec<(&str, Vec<String>)> = Vec::new();
+    for order in all.iter().filter(|order| order.measured.is_none()) {
+        let what = format!("{}, {}", order.filter, order.metric);
+        match unknown.iter_mut().find(|(why, _)| *why == order.why) {
+            Some((_, of)) => of.push(what),
+            None => unknown.push((&order.why, vec![what])),
+        }
+    }
+    let sizes = all.iter().find(|order| order.filter == "trilinear" && order.metric == "l2");
+    html! {
+        h3 { "Orders of convergence" }
+        div.scroll { table {
+            thead { tr { th { "filter" } @for (_, name) in metrics { th { (name) } } th { "smooth densities" } } }
+            tbody { @for (filter, theory) in &filters { tr {
+                th scope="row" { (filter) }
+                @for (metric, _) in metrics { (cell(filter, metric)) }
+                td { (words::figure(*theory)) }
+            } } }
+        } }
+        p.note {
+            "With which power of the voxel size errors fall, and what theory has for densities without kinks, steps and octaves finer than the voxels."
+            @if let Some(order) = sizes.filter(|order| order.measured.is_some()) {
+                " Trilinear L2: from voxels of "
+                (order.voxel_sizes.iter().map(|size| words::metres(*size)).collect::<Vec<_>>().join(", ")) ", " (order.why) "."
+            }
+            @for (why, of) in &unknown { " Not told (" (of.join("; ")) "): " (why) "." }
+        }
+    }
+}
+
+/// The table of a text whose integrator is among the methods.
+fn paper(report: &Report) -> Option<Section> {
+    let rows: Vec<&Row> = report.rows.iter().filter(|row| row.group == PAPER).collect();
+    let time = |row: &Row| row.cost.total.map(|total| total.median);
+    let own = time(rows.first()?)?;
+    let body = html! {
+        p {
+            "The rows of the table in Moinet\u{2019}s \u{201c}Sculpting procedural noise\u{201d} (2022), all by its integrator, in steps of a voxel and without shadows, as it has none. "
+            "Errors are against a picture in steps of a quarter of a voxel, without shadows too."
+        }
+        div.scroll { table {
+            thead { tr { th { "setting" } th { "pictures a second" } th { "times as fast" } th { "error" } } }
+            tbody { @for row in &rows { tr {
+                th scope="row" { (row.label) }
+                td { (time(row).map_or_else(String::new, |time| words::figure(1.0 / time))) }
+                td { (time(row).map_or_else(String::new, |time| words::figure(own / time))) }
+                td { (row.image.and_then(|image| image.relative).map_or_else(String::new, words::part)) }
+            } } }
+        } }
+    };
+    Some(Section::new("What simpler noise and longer steps save", body))
+}
+
+/// Why parts are not the whole.
+fn apart(reason: Option<&str>, of: &str) -> Markup {
+    html! { @if let Some(reason) = reason { p.note { "The parts' squares do not add up to the whole " (of) ": " (reason) "." } } }
 }
 
 fn relative(part: Part) -> String {
@@ -253,13 +366,23 @@ fn tables(report: &Report) -> Markup {
         @for (kind, group) in &groups {
             details open {
                 summary { (group) @if *kind == Kind::Picture { " (pictures)" } }
-                div.scroll { (table(*kind, report.rows.iter().filter(|row| row.kind == *kind && row.group == *group))) }
+                div.scroll { (table(*kind, &of_group(report, *kind, group))) }
             }
         }
     }
 }
 
-fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
+/// The rows of a group, those of voxel sizes from the smallest.
+fn of_group<'a>(report: &'a Report, kind: Kind, group: &str) -> Vec<&'a Row> {
+    let mut rows: Vec<&Row> =
+        report.rows.iter().filter(|row| row.kind == kind && row.group == group).collect();
+    if group == answers::SIZES {
+        rows.sort_by(|a, b| a.settings.voxel_size.total_cmp(&b.settings.voxel_size));
+    }
+    rows
+}
+
+fn table(kind: Kind, rows: &[&Row]) -> Markup {
     let cell = |text: Option<String>| html! { td { (text.unwrap_or_else(|| "\u{2013}".to_owned())) } };
     let part = |x: Option<f64>| x.map(words::part);
     html! {
@@ -272,7 +395,8 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                 } }
             } @else {
                 thead { tr {
-                    th { "setting" } th { "voxel" } th { "step" } th { "error" } th { "PSNR" } th { "FLIP" } th { "transmittance" } th { "time" } th { "spread" }
+                    th { "setting" } th { "voxel" } th { "step" } th { "error" } th { "95\u{202f}%" } th { "PSNR" } th { "95\u{202f}%" } th { "FLIP" } th { "95\u{202f}%" }
+                    th { "transmittance" } th { "time" } th { "spread" }
                 } }
             }
             tbody {
@@ -283,7 +407,7 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                         @if kind == Kind::Bake {
                             @let errors = row.field.as_ref().map(|field| field.errors);
                             (cell(part(errors.and_then(|e| e.l2.of_rms))))
-                            (cell(held(row).map(|[low, high]| format!("{} to {}", words::part(low), words::part(high)))))
+                            (cell(held(row).map(|ends| range(ends, words::part))))
                             (cell(part(errors.and_then(|e| e.l1.of_rms))))
                             (cell(part(errors.and_then(|e| e.p999.of_peak))))
                             (cell(part(errors.and_then(|e| e.max.of_peak))))
@@ -292,9 +416,13 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
                             (cell(part(row.field.as_ref().and_then(|field| field.optical_depth))))
                         } @else {
                             (cell(row.settings.step.map(words::figure)))
+                            @let ends = row.image.and_then(|image| image.intervals);
                             (cell(part(row.image.and_then(|image| image.relative))))
-                            (cell(row.image.and_then(|image| image.psnr).map(|psnr| format!("{psnr:.1} dB"))))
+                            (cell(ends.and_then(|ends| ends.relative).map(|ends| range(ends, words::part))))
+                            (cell(row.image.and_then(|image| image.psnr).map(decibels)))
+                            (cell(ends.and_then(|ends| ends.psnr).map(|ends| range(ends, decibels))))
                             (cell(row.image.and_then(|image| image.flip).map(words::figure)))
+                            (cell(ends.and_then(|ends| ends.flip).map(|ends| range(ends, words::figure))))
                             (cell(row.image.map(|image| words::figure(image.transmittance))))
                         }
                         (cell(row.cost.total.map(|total| words::seconds(total.median))))
@@ -314,9 +442,21 @@ fn table<'a>(kind: Kind, rows: impl Iterator<Item = &'a Row>) -> Markup {
     }
 }
 
-/// The interval of 95 % of a bake's relative L2.
+/// The interval of 95 % of a row's relative error.
 fn held(row: &Row) -> Option<[f64; 2]> {
-    row.field.as_ref()?.intervals?.relative_l2
+    match row.kind {
+        Kind::Bake => row.field.as_ref()?.intervals?.relative_l2,
+        Kind::Picture => row.image?.intervals?.relative,
+    }
+}
+
+/// Both ends of an interval.
+fn range([low, high]: [f64; 2], format: fn(f64) -> String) -> String {
+    format!("{} to {}", format(low), format(high))
+}
+
+fn decibels(x: f64) -> String {
+    format!("{x:.1}\u{202f}dB")
 }
 
 /// When a bake pays.
@@ -354,6 +494,10 @@ fn image_parts(parts: &ImageParts) -> Markup {
                 tr { th scope="row" { (name) } td { (relative(part)) } td.wide { (what) } }
             } }
         } }
+        @if let Some(of_whole) = parts.of_whole {
+            p.note { "The first four together, as the root of the sum of their squares, are " (words::part(of_whole)) " of the whole." }
+        }
+        (apart(parts.reason.as_deref(), "of a picture"))
     }
 }
 
@@ -380,7 +524,7 @@ fn method(report: &Report) -> Markup {
             li { "Plan, write and read are by the clock, evaluation and encoding the processor time of all threads; memory is what the plan and the file hold." }
             li { "Rows in bold are on the front: none other of their kind is both faster and more exact." }
             li { "The whole took " (words::seconds(report.seconds)) "; nothing was begun after " (words::seconds(report.time_limit)) "." }
-            @if !report.left_out.is_empty() { li { "Left out for lack of time: " (report.left_out.join(", ")) "." } }
+            @if !report.left_out.is_empty() { li { "Left out, for lack of time where nothing else is said: " (report.left_out.join(", ")) "." } }
         }
     }
 }

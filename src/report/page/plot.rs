@@ -17,7 +17,7 @@ use plotters::style::{Color, FontStyle, IntoFont, RGBColor, ShapeStyle, TextStyl
 /// Pixels of a plot; a PNG has twice as many.
 pub(crate) const SIZE: [u32; 2] = [480, 360];
 /// Height of letters, in pixels.
-const LETTERS: f64 = 13.0;
+const LETTERS: f64 = 15.0;
 
 /// From a mark to its name.
 const BESIDE: f64 = 9.0;
@@ -226,8 +226,8 @@ impl Plot {
             .margin(pen.pixels(8.0))
             .margin_right(pen.pixels(24.0))
             .caption(&self.title, pen.text(LETTERS + 2.0, &INK))
-            .x_label_area_size(pen.pixels(40.0))
-            .y_label_area_size(pen.pixels(58.0))
+            .x_label_area_size(pen.pixels(44.0))
+            .y_label_area_size(pen.pixels(66.0))
             .build_cartesian_2d(xs, ys)
             .map_err(failed)?;
         chart
@@ -246,7 +246,99 @@ impl Plot {
         for series in &self.series {
             series.draw(&mut chart, pen)?;
         }
+        self.label_points(&mut chart, pen)?;
         self.name_series(&mut chart, pen)
+    }
+
+    /// Writes the points' labels beside them, each where it is on nothing else, or on the least.
+    fn label_points<B: DrawingBackend>(
+        &self,
+        chart: &mut Chart<'_, '_, B>,
+        pen: Pen,
+    ) -> Result<(), PlotError> {
+        /// Directions from a mark, the best first.
+        const AROUND: [[f64; 2]; 8] = [
+            [0.0, 1.0],
+            [0.0, -1.0],
+            [1.0, 0.0],
+            [-1.0, 0.0],
+            [0.8, 0.8],
+            [-0.8, 0.8],
+            [0.8, -0.8],
+            [-0.8, -0.8],
+        ];
+        const HEIGHT: f64 = LETTERS - 3.0;
+        let area = chart.plotting_area();
+        let place = |at: [f64; 2]| {
+            let (x, y) = area.map_coordinate(&(at[0], at[1]));
+            [f64::from(x), f64::from(y)]
+        };
+        let (columns, rows) = area.get_pixel_range();
+        let [columns, rows] = [columns, rows].map(|range| f64::from(range.start)..f64::from(range.end));
+        let scale = pen.scale;
+        let mut taken: Vec<Label> = Vec::new();
+        for series in &self.series {
+            let places: Vec<[f64; 2]> = series.points.iter().map(|point| place(point.at)).collect();
+            taken.extend(places.iter().map(|at| Label { at: *at, half: [6.0 * scale; 2] }));
+            // A line is as good as a row of dots on it.
+            if !matches!(series.look, Look::Marks(_)) {
+                for pair in places.windows(2) {
+                    let on =
+                        |part: f64| [0, 1].map(|axis| pair[0][axis] + part * (pair[1][axis] - pair[0][axis]));
+                    taken.extend((1..32).map(|n| Label { at: on(f64::from(n) / 32.0), half: [scale; 2] }));
+                }
+            }
+            for point in &series.points {
+                if let Some([low, high]) = point.interval {
+                    let [a, b] = [low, high].map(|y| place([point.at[0], y]));
+                    let half = [3.0 * scale, 0.5 * (a[1] - b[1]).abs()];
+                    taken.push(Label { at: [a[0], 0.5 * (a[1] + b[1])], half });
+                }
+            }
+            if let Some(last) =
+                places.iter().max_by(|a, b| a[0].total_cmp(&b[0])).filter(|_| !series.name.is_empty())
+            {
+                let half = [0.5 * width(&series.name) * scale, 0.5 * LETTERS * scale];
+                taken.push(Label { at: [last[0] + BESIDE * scale + half[0], last[1]], half });
+            }
+        }
+        let mut labels = Vec::new();
+        for point in self.series.iter().flat_map(|series| &series.points) {
+            let Some(text) = &point.label else { continue };
+            let at = place(point.at);
+            let half = [0.5 * width(text) * scale * HEIGHT / LETTERS, 0.5 * HEIGHT * scale];
+            let beside = |[x, y]: [f64; 2], far: f64| {
+                let from = [half[0] + far, half[1] + far];
+                Label { at: [at[0] + x * from[0], at[1] + y * from[1]], half }
+            };
+            let all = [7.0, 16.0, 26.0].into_iter().flat_map(|far| AROUND.map(|to| beside(to, far * scale)));
+            let is_inside = |label: &Label| {
+                (0..2).all(|axis| {
+                    let range = if axis == 0 { &columns } else { &rows };
+                    label.at[axis] - label.half[axis] >= range.start
+                        && label.at[axis] + label.half[axis] <= range.end
+                })
+            };
+            let covered = |label: &Label| taken.iter().map(|other| label.shared(other)).sum::<f64>();
+            let best = all
+                .filter(is_inside)
+                .map(|label| (covered(&label), label))
+                // The first of those that are alike.
+                .reduce(|best, other| if other.0 < best.0 { other } else { best });
+            if let Some((_, label)) = best {
+                taken.push(label);
+                labels.push((label, text));
+            }
+        }
+        let area = area.strip_coord_spec();
+        let (left, top) = area.get_base_pixel();
+        for (label, text) in labels {
+            let style = pen.text(HEIGHT, &INK).pos(Pos::new(HPos::Center, VPos::Center));
+            #[allow(clippy::cast_possible_truncation, reason = "pixels")]
+            let [x, y] = label.at.map(|c| c.round() as i32);
+            area.draw(&Text::new(text.clone(), (x - left, y - top), style)).map_err(failed)?;
+        }
+        Ok(())
     }
 
     /// Room for the longest name beside the last of all points, over the length of the axis without it.
@@ -356,11 +448,6 @@ impl Series {
                     .map(drop),
             }
             .map_err(failed)?;
-            if let Some(label) = &point.label {
-                let style = pen.text(LETTERS - 3.0, &INK).pos(Pos::new(HPos::Center, VPos::Top));
-                let text = Text::new(label.clone(), (0, pen.length(6.0)), style);
-                chart.draw_series([EmptyElement::at(at) + text]).map_err(failed)?;
-            }
         }
         Ok(())
     }
@@ -379,6 +466,26 @@ impl Look {
             Look::Marks(n) | Look::Line(n) => &COLOURS[n % COLOURS.len()],
             Look::Dashes => &INK,
         }
+    }
+}
+
+/// A box that letters or marks take, in pixels.
+#[derive(Debug, Clone, Copy)]
+struct Label {
+    /// Its middle.
+    at: [f64; 2],
+    /// Half of its edges.
+    half: [f64; 2],
+}
+
+impl Label {
+    /// Pixels that two boxes share.
+    fn shared(&self, other: &Label) -> f64 {
+        let along = |axis: usize| {
+            let reach = self.half[axis] + other.half[axis] - (self.at[axis] - other.at[axis]).abs();
+            reach.clamp(0.0, 2.0 * self.half[axis].min(other.half[axis]))
+        };
+        along(0) * along(1)
     }
 }
 

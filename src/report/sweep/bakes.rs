@@ -2,18 +2,18 @@
 
 use std::time::Instant;
 
+use super::Run;
 use super::rows::{Cost, FieldError, Kind, Row, Settings, Spread};
-use super::{OrderOf, Run};
 use crate::field::Lattice;
 use crate::formats::vdb::{Compression, Encoder};
 use crate::report::around::around;
 use crate::report::exact::Exact;
 use crate::report::field::compare_at;
-use crate::report::order::Order;
+use crate::report::octaves::{most_octaves, with_octaves};
 use crate::report::source::Gridded;
 use crate::report::survey::MARGIN;
 use crate::report::trial::{Lot, Pilot, Trial, TrialError, rows};
-use crate::scene::{Pattern, Scene};
+use crate::scene::Scene;
 use crate::volume::{Filter, Plan, PlanError, Precision, Tree};
 
 /// Times the scene's own voxel size.
@@ -21,7 +21,7 @@ const SIZES: [f64; 6] = [1.0, 2.0, 4.0, std::f64::consts::SQRT_2, 2.0 * std::f64
 /// Smaller ones, which take longer: only where all their repeats are likely to take no more than a part of the time.
 const SMALLER: [f64; 4] = [std::f64::consts::FRAC_1_SQRT_2, 0.5, 0.5 * std::f64::consts::FRAC_1_SQRT_2, 0.25];
 const DEAR: f64 = 0.1;
-const FILTERS: [Filter; 3] = [Filter::Trilinear, Filter::Nearest, Filter::Cubic];
+pub(super) const FILTERS: [Filter; 3] = [Filter::Trilinear, Filter::Nearest, Filter::Cubic];
 
 /// A filter's word on the command line.
 pub(super) fn filter_name(filter: Filter) -> &'static str {
@@ -60,53 +60,49 @@ struct Making<'a> {
 /// A scene's exact density, and places to look at it.
 pub(super) struct Held {
     lattice: Lattice,
+    whole: Plan,
+    stream: u64,
     places: crate::report::support::Spread,
     exact: Exact,
+    /// Points that were asked for, and that may be at most.
+    points: usize,
+    most: usize,
 }
+
+/// Times as many points that may be taken where these met too little density for an interval.
+const MORE: usize = 4;
+const MOST: usize = 64;
+/// Why a bake has no row.
+pub(super) const UNSEEN: &str = "points met almost no density";
 
 impl Held {
-    /// How far a bake is off.
+    /// How far a bake is off, at more points where these do not tell within which bounds; `None` where those do not either.
     pub(super) fn error(
-        &self,
-        tree: Tree<f32>,
+        &mut self,
+        tree: &Tree<f32>,
         filter: Filter,
         rays: usize,
-    ) -> Result<FieldError, TrialError> {
-        let file = Gridded::new(tree, rows(self.lattice), filter).ok_or(PlanError::TooWide)?;
-        let (found, _) = compare_at(&self.exact, &file, &self.places, rays);
-        Ok(FieldError {
-            errors: found.errors,
-            intervals: found.intervals,
-            optical_depth: found.optical_depth.l2.of_rms,
-            mass_ratio: found.mass.ratio,
-        })
-    }
-}
-
-/// A scene with at most so many octaves in each layer; with none, without layers of noise.
-pub(super) fn with_octaves(scene: &Scene, most: u32) -> Scene {
-    let mut scene = scene.clone();
-    if most == 0 {
-        for tube in &mut scene.tubes {
-            tube.layers.retain(|layer| !matches!(layer.pattern, Pattern::Perlin(_)));
+    ) -> Result<Option<FieldError>, TrialError> {
+        let file = Gridded::new(tree.clone(), rows(self.lattice), filter).ok_or(PlanError::TooWide)?;
+        loop {
+            let (found, _) = compare_at(&self.exact, &file, &self.places, rays);
+            // Where there are no bricks, there is nothing to be met.
+            let is_told = found.intervals.is_none_or(|held| held.relative_l2.is_some());
+            if is_told {
+                return Ok(Some(FieldError {
+                    errors: found.errors,
+                    intervals: found.intervals,
+                    optical_depth: found.optical_depth.l2.of_rms,
+                    mass_ratio: found.mass.ratio,
+                }));
+            }
+            if self.points >= self.most {
+                return Ok(None);
+            }
+            self.points *= MORE;
+            self.places = around(&self.whole, MARGIN, self.points, self.stream);
         }
     }
-    for layer in scene.tubes.iter_mut().flat_map(|tube| &mut tube.layers) {
-        if let Pattern::Perlin(noise) = &mut layer.pattern {
-            noise.octaves = noise.octaves.min(most);
-        }
-    }
-    scene
-}
-
-/// The most octaves of any layer.
-pub(super) fn most_octaves(scene: &Scene) -> u32 {
-    let layers = scene.tubes.iter().flat_map(|tube| &tube.layers);
-    let octaves = layers.map(|layer| match &layer.pattern {
-        Pattern::Perlin(noise) => noise.octaves,
-        Pattern::Constant(_) | Pattern::Sectors => 0,
-    });
-    octaves.max().unwrap_or(0)
 }
 
 impl Run<'_> {
@@ -202,9 +198,17 @@ impl Run<'_> {
         let Making { scene, lattice, encoder, octaves } = making;
         let pilot = Pilot::new(scene, self.effort.budget);
         let (cost, tree) = self.costs(&pilot, lattice, encoder)?;
-        let held = self.held_against(self.scene, lattice, self.effort.points)?;
+        let mut held = self.held_against(self.scene, lattice, self.effort.points)?;
         for filter in filters {
-            let field = held.error(tree.clone(), *filter, self.effort.rays)?;
+            let name = if filters.len() > 1 {
+                format!("{label}, {}", filter_name(*filter))
+            } else {
+                label.to_owned()
+            };
+            let Some(field) = held.error(&tree, *filter, self.effort.rays)? else {
+                self.left_out.push(format!("{name}: {UNSEEN}"));
+                continue;
+            };
             let (precision, compression) =
                 (precision_name(encoder.precision()), compression_name(encoder.compression()));
             let command = octaves.is_none().then(|| {
@@ -216,11 +220,7 @@ impl Run<'_> {
             });
             self.rows.push(Row {
                 group,
-                label: if filters.len() > 1 {
-                    format!("{label}, {}", filter_name(*filter))
-                } else {
-                    label.to_owned()
-                },
+                label: name,
                 kind: Kind::Bake,
                 is_own: true,
                 settings: Settings {
@@ -252,7 +252,8 @@ impl Run<'_> {
         let whole = Pilot::new(scene, self.effort.budget).at(lattice)?.whole()?;
         let stream = self.look(Precision::F32, Filter::Trilinear).stream;
         let places = around(&whole, MARGIN, points, stream);
-        Ok(Held { lattice, places, exact: Exact::new(scene, lattice, self.effort.budget)? })
+        let exact = Exact::new(scene, lattice, self.effort.budget)?;
+        Ok(Held { lattice, whole, stream, places, exact, points, most: MOST * points })
     }
 
     /// What a bake takes, and its values.
@@ -312,41 +313,4 @@ impl Run<'_> {
         };
         Ok((cost, last.tree))
     }
-}
-
-/// Orders over the three finest voxel sizes, for each filter and metric.
-pub(super) fn orders(rows: &[Row]) -> Vec<OrderOf> {
-    let mut found = Vec::new();
-    for filter in FILTERS {
-        let name = filter_name(filter);
-        let of = rows
-            .iter()
-            .filter(|row| row.group == "voxel size and filter" && row.settings.filter == Some(name));
-        let of: Vec<&Row> = of.collect();
-        for (metric, theory) in [("l1", 0.0), ("l2", 0.0), ("max", 0.0), ("optical-depth", 0.0)] {
-            let theory: f64 = theory
-                + match filter {
-                    Filter::Nearest => 1.0,
-                    Filter::Trilinear => 2.0,
-                    Filter::Cubic => 3.0,
-                };
-            let error = |row: &Row| {
-                let field = row.field.as_ref()?;
-                match metric {
-                    "l1" => field.errors.l1.of_rms,
-                    "l2" => field.errors.l2.of_rms,
-                    "max" => field.errors.max.of_peak,
-                    _ => field.optical_depth,
-                }
-            };
-            let mut points: Vec<[f64; 2]> =
-                of.iter().filter_map(|row| Some([row.settings.voxel_size, error(row)?])).collect();
-            points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-            points.truncate(3);
-            if let Some(measured) = Order::fit(&points) {
-                found.push(OrderOf { filter: name, metric, measured, theory });
-            }
-        }
-    }
-    found
 }

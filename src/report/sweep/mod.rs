@@ -4,11 +4,13 @@
 //! codec, what a tube owes to its deformation and what carries its cross-section, how long its curve is; and pictures: the
 //! scene itself by several methods and steps, and baked. Errors of bakes are those of [`measure`](super::measure): values at
 //! points against the definition in double precision; errors of pictures are held against the scene's own picture in steps
-//! of a quarter of a voxel, with no octave faded. A bake of a scene that is altered, and a picture of another, is held against
-//! the density of that one, and is on no front. Rows that no other row of their kind beats in both time and error are on the
-//! *front*. What there was no time for is listed and left out.
+//! of a quarter of a voxel, with no octave faded. A bake of a scene that is altered, and a picture of another or without
+//! shadows, is held against the density or the picture of that one, and is on no front. Rows that a command makes, and that
+//! no other such row of their kind beats in both time and error, are on the *front*. What there was no time for is listed and
+//! left out.
 
 mod bakes;
+mod orders;
 mod pictures;
 mod rows;
 mod shapes;
@@ -17,6 +19,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+pub(crate) use pictures::PAPER;
 pub use pictures::{ImageParts, PaysAfter};
 pub use rows::{
     Cost, FieldError, ImageError, Kind, LevelOf, Machine, Report, Row, Settings, Spread as TimeSpread, Truth,
@@ -73,7 +76,7 @@ pub fn sweep(
     run.shapes();
     let mut rows = run.rows;
     mark_fronts(&mut rows);
-    let orders = bakes::orders(&rows);
+    let orders = orders::orders(&rows, parts.rounding.of_truth.unwrap_or(0.0));
     let pays_after = pictures::pays_after(&rows, lattice);
     Ok(Report {
         version: 1,
@@ -139,8 +142,12 @@ pub struct OrderOf {
     pub filter: &'static str,
     /// What the error is.
     pub metric: &'static str,
-    /// Over the three finest voxel sizes.
-    pub measured: Order,
+    /// Over the voxel sizes where errors follow a power; null where too few do.
+    pub measured: Option<Order>,
+    /// These sizes, in metres.
+    pub voxel_sizes: Vec<f64>,
+    /// Why these, or why the order cannot be told.
+    pub why: String,
     /// What is to be expected of a smooth density; less where it has kinks, steps, or octaves finer than the voxels.
     pub theory: f64,
 }

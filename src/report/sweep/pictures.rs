@@ -6,7 +6,6 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::Run;
-use super::bakes::{most_octaves, with_octaves};
 use super::rows::{Cost, ImageError, Kind, Row, Settings, Spread};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{Compression, Encoder};
@@ -18,7 +17,8 @@ use crate::num::Level;
 use crate::report::exact::unlimited;
 use crate::report::flip::PIXELS_PER_DEGREE;
 use crate::report::image::{Picture as Image, compare_images};
-use crate::report::parts::Part;
+use crate::report::octaves::{most_octaves, with_octaves};
+use crate::report::parts::{Part, why};
 use crate::report::trial::{Pilot, TrialError, rows};
 use crate::scene::Scene;
 use crate::volume::{PlanError, Precision};
@@ -49,6 +49,8 @@ pub struct ImageParts {
     pub root_sum_square: f64,
     /// That over the whole; null where the whole is 0.
     pub of_whole: Option<f64>,
+    /// Why these are more than a fifth apart, where they are.
+    pub reason: Option<String>,
 }
 
 /// When a bake pays.
@@ -86,6 +88,9 @@ const DEFAULT: Way = Way {
     },
     shadow: Shadow::Cached(2.0),
 };
+
+/// The group that is the table of a text.
+pub(crate) const PAPER: &str = "paper";
 
 /// Samples of a ray whose densities are summed.
 const SUMMED: [u32; 4] = [5, 16, 64, 256];
@@ -131,6 +136,8 @@ struct Best<'a> {
     lattice: Lattice,
     film: Film,
     view: View,
+    /// Whether by the light of the scene, shadows and all.
+    is_lit: bool,
 }
 
 impl Run<'_> {
@@ -143,7 +150,7 @@ impl Run<'_> {
         let fine = Way { step: FINE, cutoff: NONE_LEFT, ..DEFAULT };
         let all = unlimited(self.scene);
         let film = self.procedural(&all, self.lattice, fine, &view, 0)?.0;
-        let best = Best { scene: self.scene, lattice: self.lattice, film, view };
+        let best = Best { scene: self.scene, lattice: self.lattice, film, view, is_lit: true };
         let limited = self.procedural(self.scene, self.lattice, fine, &best.view, 0)?.0;
         let coarse =
             self.procedural(self.scene, self.lattice, Way { cutoff: NONE_LEFT, ..DEFAULT }, &best.view, 0)?.0;
@@ -176,6 +183,7 @@ impl Run<'_> {
 
     /// Other methods, and simpler noise.
     pub(super) fn more_pictures(&mut self) -> Result<(), TrialError> {
+        self.paper()?;
         if !self.time_for("the picture that others are held against") {
             return Ok(());
         }
@@ -187,9 +195,7 @@ impl Run<'_> {
         };
         let (cones, alpha, midpoint) = (Entry::Cones, Method::Alpha, Method::Midpoint);
         let ways = [
-            ("paper", "alpha, as it is", with(alpha, 0.0, cones, 1, 1.0)),
-            ("paper", "alpha, double step", with(alpha, 0.0, cones, 1, 2.0)),
-            ("paper", "alpha, quadruple step", with(alpha, 0.0, cones, 1, 4.0)),
+            ("steps", "alpha", with(alpha, 0.0, cones, 1, 1.0)),
             ("steps", "midpoint", with(midpoint, 0.0, cones, 1, 1.0)),
             ("steps", "midpoint, double step", with(midpoint, 0.0, cones, 1, 2.0)),
             ("steps", "midpoint, quadruple step", with(midpoint, 0.0, cones, 1, 4.0)),
@@ -222,18 +228,33 @@ impl Run<'_> {
         }
         let summed = in_the_middle(|marching| marching.count = NonZeroU32::new(64));
         self.way("density sum", "64 samples a ray, with shadows", summed, &best)?;
-        self.ways_inside("", &best)?;
-        for octaves in [1, 0] {
-            let label = if octaves == 0 { "gauss, no noise" } else { "gauss, 1 octave" };
+        self.ways_inside("", &best)
+    }
+
+    /// The table of Moinet's text (2022, section 5.2): all by its integrator, without shadows, as it has none, and held against a
+    /// picture without them.
+    fn paper(&mut self) -> Result<(), TrialError> {
+        if !self.time_for("the paper's table") {
+            return Ok(());
+        }
+        let way = |step: f64| {
+            let marching = Marching { method: Method::Alpha, ..Marching::default() };
+            Way { step, marching, shadow: Shadow::None, ..DEFAULT }
+        };
+        let best = self.best_with(self.scene, self.lattice, Shadow::None)?;
+        self.way(PAPER, "as it is", way(1.0), &best)?;
+        for (octaves, label) in [(1, "simpler noise, of one octave"), (0, "no noise")] {
+            // As it is where it has no more.
             if most_octaves(self.scene) > octaves && self.time_for(label) {
                 let scene = with_octaves(self.scene, octaves);
                 let (film, cost) =
-                    self.procedural(&scene, self.lattice, DEFAULT, &best.view, self.effort.repeats)?;
-                let settings = (self.lattice, Some(octaves), Some(DEFAULT));
-                self.row("paper", label.to_owned(), settings, None, &best, &film, cost);
+                    self.procedural(&scene, self.lattice, way(1.0), &best.view, self.effort.repeats)?;
+                let settings = (self.lattice, Some(octaves), Some(way(1.0)));
+                self.row(PAPER, label.to_owned(), settings, None, &best, &film, cost);
             }
         }
-        Ok(())
+        self.way(PAPER, "double step", way(2.0), &best)?;
+        self.way(PAPER, "quadruple step", way(4.0), &best)
     }
 
     /// What the ways to know what is inside cost in a scene that is not the report's own.
@@ -262,10 +283,19 @@ impl Run<'_> {
     }
 
     fn best<'b>(&self, scene: &'b Scene, lattice: Lattice) -> Result<Best<'b>, TrialError> {
+        self.best_with(scene, lattice, DEFAULT.shadow)
+    }
+
+    fn best_with<'b>(
+        &self,
+        scene: &'b Scene,
+        lattice: Lattice,
+        shadow: Shadow,
+    ) -> Result<Best<'b>, TrialError> {
         let view = View::new(scene, self.effort.size);
-        let fine = Way { step: FINE, cutoff: NONE_LEFT, ..DEFAULT };
+        let fine = Way { step: FINE, cutoff: NONE_LEFT, shadow, ..DEFAULT };
         let film = self.procedural(&unlimited(scene), lattice, fine, &view, 0)?.0;
-        Ok(Best { scene, lattice, film, view })
+        Ok(Best { scene, lattice, film, view, is_lit: shadow != Shadow::None })
     }
 
     /// A row for a way through a scene itself.
@@ -273,16 +303,16 @@ impl Run<'_> {
         if self.time_for(label) {
             let (film, cost) =
                 self.procedural(best.scene, best.lattice, way, &best.view, self.effort.repeats)?;
-            let command = self.is_own(best).then(|| self.command(way));
+            let command = std::ptr::eq(best.scene, self.scene).then(|| self.command(way));
             let settings = (best.lattice, None, Some(way));
             self.row(group, label.to_owned(), settings, command, best, &film, cost);
         }
         Ok(())
     }
 
-    /// Whether a picture is of the report's own scene.
+    /// Whether a picture is of the report's own scene, by its light.
     fn is_own(&self, best: &Best<'_>) -> bool {
-        std::ptr::eq(best.scene, self.scene)
+        best.is_lit && std::ptr::eq(best.scene, self.scene)
     }
 
     fn command(&self, way: Way) -> String {
@@ -465,6 +495,8 @@ fn image_parts(
     let squares: f64 =
         [model, interpolation, quantisation, early_exit].iter().map(|part| part.rms * part.rms).sum();
     let root_sum_square = squares.sqrt();
+    let of_whole = (whole.rms > 0.0).then(|| root_sum_square / whole.rms);
+    let steps = [best, limited, single, half, ended].map(|film| &*film.transmittance);
     ImageParts {
         whole,
         model,
@@ -473,7 +505,8 @@ fn image_parts(
         early_exit,
         step: part(limited, coarse),
         root_sum_square,
-        of_whole: (whole.rms > 0.0).then(|| root_sum_square / whole.rms),
+        of_whole,
+        reason: why(&steps, ["model", "interpolation", "quantisation", "early exit"], of_whole),
     }
 }
 
@@ -493,7 +526,14 @@ fn image_error(best: &Film, film: &Film) -> ImageError {
     let found = compare_images(&picture(best), &picture(film), exposure, PIXELS_PER_DEGREE);
     let transmittance = part(best, film).rms;
     let Some(found) = found else {
-        return ImageError { rmse: 0.0, relative: None, psnr: None, flip: None, transmittance };
+        return ImageError {
+            rmse: 0.0,
+            relative: None,
+            psnr: None,
+            flip: None,
+            transmittance,
+            intervals: None,
+        };
     };
     let errors = found.all.errors;
     ImageError {
@@ -502,6 +542,7 @@ fn image_error(best: &Film, film: &Film) -> ImageError {
         psnr: errors.psnr,
         flip: found.flip.map(|flip| flip.mean),
         transmittance,
+        intervals: found.intervals,
     }
 }
 

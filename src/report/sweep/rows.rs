@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::OrderOf;
 use super::pictures::{ImageParts, PaysAfter};
-use crate::report::{Errors, Intervals, Part, Parts};
+use crate::report::{Errors, ImageIntervals, Intervals, Part, Parts};
 
 /// All that a sweep found, as JSON holds it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,7 +35,7 @@ pub struct Report {
     pub seconds: f64,
     /// After which nothing was begun.
     pub time_limit: f64,
-    /// For which there was no time.
+    /// For which there was no time, or what else is said behind a colon.
     pub left_out: Vec<String>,
     /// One for each setting.
     pub rows: Vec<Row>,
@@ -82,8 +82,8 @@ pub struct Row {
     pub label: String,
     /// What it is of.
     pub kind: Kind,
-    /// Whether it is of the scene's own density. Others are of one that is altered, against which they are measured: they
-    /// are held against each other alone, and stand on no front.
+    /// Whether it is of the scene's own density, by its own light. Others are of one that is altered, or of a picture without
+    /// shadows, against which they are measured: they are held against each other alone, and stand on no front.
     pub is_own: bool,
     /// All that can be set.
     pub settings: Settings,
@@ -95,7 +95,7 @@ pub struct Row {
     pub image: Option<ImageError>,
     /// What it takes.
     pub cost: Cost,
-    /// Whether no other row of its kind is both faster and more exact.
+    /// Whether no other row of its kind is both faster and more exact, of those that a command makes.
     pub on_front: bool,
 }
 
@@ -131,7 +131,7 @@ pub struct FieldError {
     pub mass_ratio: Option<f64>,
 }
 
-/// How far a picture is off: its luminance.
+/// How far a picture is off, over red, green and blue.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ImageError {
     /// Root mean square of the difference.
@@ -144,6 +144,8 @@ pub struct ImageError {
     pub flip: Option<f64>,
     /// Root mean square of the difference in transmittance.
     pub transmittance: f64,
+    /// Bootstrap intervals of 95 %; null for a single pixel.
+    pub intervals: Option<ImageIntervals>,
 }
 
 /// What a setting takes.
@@ -209,6 +211,11 @@ pub struct LevelOf {
 }
 
 impl Row {
+    /// Whether a command makes this of the scene as it is.
+    pub fn can_be_chosen(&self) -> bool {
+        self.is_own && self.command.is_some()
+    }
+
     /// Time and error; `None` where either is not known.
     pub fn level(&self) -> Option<LevelOf> {
         let seconds = self.cost.total?.median;
@@ -220,9 +227,10 @@ impl Row {
     }
 }
 
-/// Marks the rows that no other row of their kind beats in both. What is off by all of it shows nothing, however soon.
+/// Marks the rows that no other row of their kind beats in both. What is off by all of it shows nothing, however soon; and
+/// what no command makes is no setting that one could choose.
 pub(super) fn mark_fronts(rows: &mut [Row]) {
-    let level = |row: &Row| row.level().filter(|level| row.is_own && level.error < 1.0);
+    let level = |row: &Row| row.level().filter(|level| row.can_be_chosen() && level.error < 1.0);
     let levels: Vec<(Kind, Option<LevelOf>)> = rows.iter().map(|row| (row.kind, level(row))).collect();
     for (row, (kind, level)) in rows.iter_mut().zip(&levels) {
         let Some(level) = level else { continue };
@@ -236,7 +244,7 @@ pub(super) fn mark_fronts(rows: &mut [Row]) {
 }
 
 /// Of a line for each row: the figures that plots need.
-const COLUMNS: [&str; 40] = [
+const COLUMNS: [&str; 48] = [
     "group",
     "label",
     "kind",
@@ -257,9 +265,17 @@ const COLUMNS: [&str; 40] = [
     "mass_ratio",
     "optical_depth",
     "image_rmse",
+    "image_rmse_low",
+    "image_rmse_high",
     "image_relative",
+    "image_relative_low",
+    "image_relative_high",
     "image_psnr",
+    "image_psnr_low",
+    "image_psnr_high",
     "image_flip",
+    "image_flip_low",
+    "image_flip_high",
     "transmittance_rmse",
     "plan",
     "evaluate",
@@ -296,6 +312,7 @@ impl Report {
             let middle = |x: Option<Spread>| number(x.map(|x| x.median));
             let errors = row.field.as_ref().map(|field| &field.errors);
             let held = row.field.as_ref().and_then(|field| field.intervals?.relative_l2);
+            let seen = row.image.and_then(|image| image.intervals);
             let kind = match row.kind {
                 Kind::Bake => "bake",
                 Kind::Picture => "picture",
@@ -321,9 +338,17 @@ impl Report {
                 number(row.field.as_ref().and_then(|field| field.mass_ratio)),
                 number(row.field.as_ref().and_then(|field| field.optical_depth)),
                 number(row.image.map(|image| image.rmse)),
+                number(seen.map(|seen| seen.rmse[0])),
+                number(seen.map(|seen| seen.rmse[1])),
                 number(row.image.and_then(|image| image.relative)),
+                number(seen.and_then(|seen| seen.relative).map(|ends| ends[0])),
+                number(seen.and_then(|seen| seen.relative).map(|ends| ends[1])),
                 number(row.image.and_then(|image| image.psnr)),
+                number(seen.and_then(|seen| seen.psnr).map(|ends| ends[0])),
+                number(seen.and_then(|seen| seen.psnr).map(|ends| ends[1])),
                 number(row.image.and_then(|image| image.flip)),
+                number(seen.and_then(|seen| seen.flip).map(|ends| ends[0])),
+                number(seen.and_then(|seen| seen.flip).map(|ends| ends[1])),
                 number(row.image.map(|image| image.transmittance)),
                 middle(cost.plan),
                 middle(cost.evaluate),
@@ -353,8 +378,14 @@ mod tests {
     use super::*;
 
     fn row(kind: Kind, seconds: f64, error: f64) -> Row {
-        let image =
-            ImageError { rmse: error, relative: Some(error), psnr: None, flip: None, transmittance: 0.0 };
+        let image = ImageError {
+            rmse: error,
+            relative: Some(error),
+            psnr: None,
+            flip: None,
+            transmittance: 0.0,
+            intervals: None,
+        };
         let errors = Errors::new([(1.0, 1.0 + error)].into_iter(), None);
         let field = FieldError { errors, intervals: None, optical_depth: None, mass_ratio: None };
         let settings = Settings {
@@ -372,7 +403,7 @@ mod tests {
             kind,
             is_own: true,
             settings,
-            command: None,
+            command: Some("vdbake".to_owned()),
             field: (kind == Kind::Bake).then_some(field),
             image: (kind == Kind::Picture).then_some(image),
             cost: Cost { total: Spread::of(vec![seconds]), ..Cost::default() },
@@ -390,10 +421,12 @@ mod tests {
             row(Kind::Picture, 10.0, 0.75),
             // Of another density: better, and no matter.
             Row { is_own: false, ..row(Kind::Bake, 0.5, 0.0625) },
+            // Of no command: likewise.
+            Row { command: None, ..row(Kind::Bake, 0.25, 0.0625) },
         ];
         mark_fronts(&mut rows);
         let front: Vec<bool> = rows.iter().map(|row| row.on_front).collect();
-        assert_eq!(front, [true, true, false, true, true, false]);
+        assert_eq!(front, [true, true, false, true, true, false, false]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Scenes of other shapes: what a setting of the tube costs, and how cost grows with the number of segments.
 
 use super::Run;
-use super::bakes::filter_name;
+use super::bakes::{UNSEEN, filter_name};
 use super::rows::{Cost, FieldError, Kind, Row, Settings};
 use crate::curve::{Curve, CurveError, FrameRule};
 use crate::field::Lattice;
@@ -81,7 +81,11 @@ impl Run<'_> {
 
     fn costed(&mut self, group: &'static str, label: String, scene: &Scene, lattice: Lattice) {
         let (cost, field) = match self.measured(scene, lattice) {
-            Ok(found) => found,
+            Ok((cost, Some(field))) => (cost, field),
+            Ok((_, None)) => {
+                self.left_out.push(format!("{label}: {UNSEEN}"));
+                return;
+            }
             Err(error) => {
                 self.left_out.push(format!("{label}: {error}"));
                 return;
@@ -112,13 +116,13 @@ impl Run<'_> {
 
 impl Run<'_> {
     /// What a bake of a scene takes, and how far it is from the density of that scene.
-    fn measured(&self, scene: &Scene, lattice: Lattice) -> Result<(Cost, FieldError), TrialError> {
+    fn measured(&self, scene: &Scene, lattice: Lattice) -> Result<(Cost, Option<FieldError>), TrialError> {
         let pilot = Pilot::new(scene, self.effort.budget);
         let (cost, tree) = self.costs(&pilot, lattice, Encoder::new(Compression::Blosc))?;
         let segments: usize = scene.tubes().iter().map(|tube| tube.curve.segments().len()).sum();
         let points = (LOOKS / segments.max(1)).min(self.effort.points / POINTS).max(LEAST_POINTS);
-        let held = self.held_against(scene, lattice, points)?;
-        Ok((cost, held.error(tree, Filter::Trilinear, self.effort.rays.min(RAYS))?))
+        let mut held = self.held_against(scene, lattice, points)?;
+        Ok((cost, held.error(&tree, Filter::Trilinear, self.effort.rays.min(RAYS))?))
     }
 }
 
