@@ -484,13 +484,10 @@ pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     if let Some(errors) = SceneErrors::not_utf8(&origin, &bytes) {
         return Err(errors.into());
     }
-    Ok(load_scene(&String::from_utf8_lossy(&bytes), path)?)
-}
-
-/// The scene of a text from the file at `path`, and the files beside that which it names.
-pub(super) fn load_scene(text: &str, path: &Path) -> Result<Scene, SceneErrors> {
+    // The user's own text may name any file.
     let folder = path.parent().unwrap_or(Path::new(""));
-    Scene::load(text, &path.display().to_string(), &|file| read_input(&folder.join(file)))
+    let load = |file: &str| read_input(&folder.join(file));
+    Ok(Scene::load(&String::from_utf8_lossy(&bytes), &origin, &load)?)
 }
 
 /// An estimate for a radius that is read from a file.
@@ -524,7 +521,7 @@ pub(super) fn sampling_errors(scene: &Scene) -> Vec<SamplingError> {
 }
 
 /// Reads a file that a scene names.
-fn read_input(path: &Path) -> io::Result<Vec<u8>> {
+pub(super) fn read_input(path: &Path) -> io::Result<Vec<u8>> {
     // Devices and the like have no end, and a pipe may never begin.
     if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::other("it is no file"));
