@@ -11,7 +11,8 @@ use std::path::{Component, Path, PathBuf};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::job::read_input;
+use super::job::{has_room, read_input};
+use super::memory::Amount;
 use super::{Failure, text};
 use crate::formats::vdb::{Meta, Metadata};
 use crate::scene::Scene;
@@ -31,6 +32,7 @@ pub(super) fn scene(
     metadata: &Metadata,
     path: &Path,
     inputs: Option<&Path>,
+    budget: Amount,
 ) -> Result<Option<Scene>, Failure> {
     let text = |name: &str| match metadata.get(name) {
         Some(Meta::String(text)) => Some(text.as_str()),
@@ -70,7 +72,11 @@ pub(super) fn scene(
             Err(Failure::check(format!("{} is not the file that the scene was baked with", other.display()))
                 .hint("`vdbake verify` with --inputs names the folder of the right one"))
         }
-        (scene, None) => Ok(Some(scene?)),
+        (scene, None) => {
+            let scene = scene?;
+            has_room(&scene, budget)?;
+            Ok(Some(scene))
+        }
     }
 }
 

@@ -160,7 +160,8 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     if !is_size || !ANY.admits(recipe.time) {
         return Err(damaged("settings"));
     }
-    let scene = embedded::scene(&metadata, path, arguments.inputs.as_deref())?;
+    let scene =
+        embedded::scene(&metadata, path, arguments.inputs.as_deref(), Amount::settle(arguments.memory))?;
     let scene = scene.ok_or_else(|| foreign(path, "vdbake_scene", &creator))?.at(recipe.time)?;
     let lattice = Lattice { voxel_size: recipe.voxel_size };
     let mut field = Field::compile(&scene);

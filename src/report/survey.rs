@@ -57,7 +57,13 @@ pub struct Survey<'a> {
 impl<'a> Survey<'a> {
     /// Of a scene at its time; plans take up to `budget` bytes.
     pub fn new(scene: &'a Scene, look: Look, budget: u64) -> Survey<'a> {
-        Survey { pilot: Pilot::new(scene, budget), exact: Reference::new(scene, None), look, budget }
+        Survey::with(scene, Field::compile(scene), look, budget)
+    }
+
+    /// Of a scene that has been compiled.
+    pub fn with(scene: &'a Scene, field: Field, look: Look, budget: u64) -> Survey<'a> {
+        let exact = Reference::new(scene, None);
+        Survey { pilot: Pilot::with(scene, field, budget), exact, look, budget }
     }
 
     /// The error at a voxel size in metres by a metric; 0 where there is no density.

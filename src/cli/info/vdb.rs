@@ -169,7 +169,7 @@ pub(super) fn view(report: &Report, path: &Path, size: Size) -> Result<View, Fai
         Some(Value::Text(settings)) => embedded::time(settings),
         _ => 0.0,
     };
-    let scene = match embedded::scene(&report.recipe, path, None)? {
+    let scene = match embedded::scene(&report.recipe, path, None, Amount::installed())? {
         Some(scene) => scene.at(time)?,
         None => Scene::parse("", "no scene")?,
     };

@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::Arguments;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
+use crate::cli::memory::Amount;
 use crate::cli::{Failure, Global, embedded};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
@@ -110,7 +111,7 @@ impl<'a> Drawn<'a> {
         };
         let view = match &arguments.scene {
             Some(scene) => scene_view(scene, bounds)?,
-            None => own_view(&file.info().metadata, path, bounds, global)?,
+            None => own_view(&file.info().metadata, path, bounds, options.budget(), global)?,
         };
         Ok(Drawn { medium: Medium::Baked(baked?), view })
     }
@@ -176,13 +177,14 @@ fn own_view(
     metadata: &Metadata,
     path: &Path,
     of_file: Option<[DVec3; 2]>,
+    budget: Amount,
     global: &Global,
 ) -> Result<View, Failure> {
     let time = match metadata.get("vdbake_settings") {
         Some(Meta::String(settings)) => embedded::time(settings),
         _ => 0.0,
     };
-    let own = embedded::scene(metadata, path, None)
+    let own = embedded::scene(metadata, path, None, budget)
         .and_then(|scene| Ok(scene.map(|scene| scene.at(time)).transpose()?))
         .unwrap_or_else(|failure| {
             let path = path.display();
