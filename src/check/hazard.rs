@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use serde::Serialize;
 
-use crate::field::Lattice;
+use crate::field::{Field, Lattice};
 use crate::num::Level;
 use crate::report::page::words::{figure, part};
 use crate::report::{Look, Survey, TrialError};
@@ -94,20 +94,21 @@ pub fn hazards(scene: &Scene, lattice: Lattice) -> Vec<Hazard> {
     sorted(found)
 }
 
-/// Tries a bake: some bricks, and the error at points.
+/// Tries a bake of a scene's field: some bricks, and the error at points.
 ///
 /// # Errors
 ///
 /// Where the bricks cannot be planned in `budget` bytes.
 pub fn expectation(
     scene: &Scene,
+    field: &Field,
     lattice: Lattice,
     precision: Precision,
     points: usize,
     budget: u64,
 ) -> Result<Expectation, TrialError> {
     let look = Look { points, rays: 0, stream: 0x6865_636b, filter: Filter::Trilinear, precision };
-    let survey = Survey::new(scene, look, budget);
+    let survey = Survey::with(scene, field.clone(), look, budget);
     let lot = survey.pilot().at(lattice)?;
     let mut store = Store::default();
     let Ok((tally, _)) =

@@ -145,8 +145,8 @@ fn at(
     let plan = job.plan()?;
     interrupt.check()?;
     let memory_bytes = job.need(&plan, &job.bound(&plan)).most(job.budget());
-    let expected =
-        expectation(&job.scene, job.lattice, options.stored(), POINTS, job.budget()).map_err(cannot)?;
+    let expected = expectation(&job.scene, &job.field, job.lattice, options.stored(), POINTS, job.budget())
+        .map_err(cannot)?;
     interrupt.check()?;
     let mut hazards = hazards(&job.scene, job.lattice);
     hazards.extend(hazards_expected(&job.scene, job.lattice, options.stored(), &expected));

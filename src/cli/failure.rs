@@ -1,6 +1,7 @@
 //! Why a command ended without success, and the exit code for it.
 
 use std::error::Error;
+use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 
@@ -109,24 +110,26 @@ impl Failure {
     ///
     /// Those of `out`.
     pub fn report(&self, out: &mut impl Write) -> io::Result<()> {
-        if let Kind::Scene(errors) = &self.kind {
-            return if colours() {
-                writeln!(out, "{}", errors.to_coloured())
-            } else {
-                writeln!(out, "{errors}")
-            };
+        match &self.kind {
+            Kind::Scene(errors) if colours() => writeln!(out, "{}", errors.to_coloured()),
+            _ => writeln!(out, "{self}"),
         }
-        write!(out, "error: {}", self.message)?;
+    }
+}
+
+/// As it is reported, without colour or final newline.
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Kind::Scene(errors) = &self.kind {
+            return errors.fmt(f);
+        }
+        write!(f, "error: {}", self.message)?;
         let mut source = self.source.as_deref().map(|source| source as &dyn Error);
         while let Some(error) = source {
-            write!(out, ": {error}")?;
+            write!(f, ": {error}")?;
             source = error.source();
         }
-        writeln!(out)?;
-        for hint in &self.hints {
-            writeln!(out, "hint: {hint}")?;
-        }
-        Ok(())
+        self.hints.iter().try_for_each(|hint| write!(f, "\nhint: {hint}"))
     }
 }
 

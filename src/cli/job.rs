@@ -158,6 +158,8 @@ pub(super) struct Moment {
 pub(super) struct Source {
     /// At its start frame.
     pub(super) start: Scene,
+    /// Its field, for no lattice.
+    field: Field,
     lattice: Lattice,
     /// Bytes that the process took at most until the first job was compiled.
     resident: OnceLock<u64>,
@@ -169,13 +171,15 @@ impl Source {
     /// Reads the scene, and settles the voxel size.
     pub(super) fn read(path: &Path, options: &SceneOptions) -> Result<Source, Failure> {
         let start = read_scene(path)?;
+        has_room(&start, options.budget())?;
         let step = match (options.voxel_size, options.resolution) {
             (Some(size), _) => Step::VoxelSize(size),
             (None, Some(resolution)) => Step::Resolution(resolution),
             (None, None) => start.bake().step,
         };
-        let lattice = Lattice { voxel_size: voxel_size(step, &start)? };
-        Ok(Source { start, lattice, resident: OnceLock::new(), searched: false })
+        let field = Field::compile(&start);
+        let lattice = Lattice { voxel_size: voxel_size(step, &start, &field)? };
+        Ok(Source { start, field, lattice, resident: OnceLock::new(), searched: false })
     }
 
     /// Metres.
@@ -192,7 +196,8 @@ impl Source {
     /// Compiles the scene for a time.
     pub(super) fn compile(&self, time: f64) -> Result<Compiled, Failure> {
         let scene = self.start.at(time)?;
-        let mut field = Field::compile(&scene);
+        let mut field =
+            if time == self.start.seconds() { self.field.clone() } else { Field::compile(&scene) };
         let bounds = bounds(&field);
         field.widen(self.lattice);
         Ok(Compiled { scene, field, lattice: self.lattice, time, bounds })
@@ -298,14 +303,19 @@ impl Job {
         memory::process(self.resident, self.scene.text().len())
     }
 
-    /// The plan at a lattice, or why there is none.
-    fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
-        let process = self.process();
+    /// The field as a lattice has it.
+    fn widened(&self, lattice: Lattice) -> Cow<'_, Field> {
         let mut field = Cow::Borrowed(&self.field);
         if lattice != self.lattice {
             field.to_mut().widen(lattice);
         }
-        match Plan::new(&field, lattice, self.budget().saturating_sub(process)) {
+        field
+    }
+
+    /// The plan at a lattice, or why there is none.
+    fn try_plan(&self, lattice: Lattice) -> Result<Plan, Misfit> {
+        let process = self.process();
+        match Plan::new(&self.widened(lattice), lattice, self.budget().saturating_sub(process)) {
             Ok(plan) => {
                 let least = self.need(&plan, &self.bound(&plan)).least();
                 #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
@@ -370,8 +380,14 @@ impl Job {
     }
 
     /// A voxel size from `first` upwards that can be baked and leaves some of the density, tried out.
+    ///
+    /// Where there are too many bricks to try them out in no time, a size is taken that fits for certain.
     fn fitting(&self, first: Option<f64>) -> Option<f64> {
         const TRIALS: usize = 40;
+        /// More bricks are not tried out.
+        const MANY: f64 = 2e5;
+        /// As many bricks as there are estimated to be, times this, there are never.
+        const CERTAIN: f64 = 2.0;
         let [lo, hi] = self.bounds?;
         let longest = [0, 1, 2].map(|axis| hi[axis] - lo[axis]).into_iter().fold(0.0, f64::max);
         let mut next = first;
@@ -381,7 +397,20 @@ impl Job {
             if voxel_size > longest || !POSITIVE.admits(voxel_size) {
                 return None;
             }
-            next = match self.try_plan(Lattice { voxel_size }) {
+            let lattice = Lattice { voxel_size };
+            let bricks = CERTAIN * self.widened(lattice).estimate_blocks(lattice);
+            if bricks > MANY {
+                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+                let need = (self.process() + LEAST) as f64
+                    + bricks * (memory::BRICK as f64 + CONTACTS * Plan::CONTACT as f64);
+                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+                if need <= self.budget() as f64 {
+                    return Some(voxel_size);
+                }
+                next = self.coarser(voxel_size, need);
+                continue;
+            }
+            next = match self.try_plan(lattice) {
                 Ok(plan) => return (plan.bricks() > 0).then_some(voxel_size),
                 Err(Misfit::Memory { need, .. }) => self.coarser(voxel_size, need),
                 Err(Misfit::Range(_)) => Some(2.0 * voxel_size),
@@ -448,12 +477,12 @@ fn smallest_in_range([lo, hi]: [[f64; 3]; 2]) -> f64 {
     farthest.max(widest)
 }
 
-/// The voxel size in metres that a step means for a scene, whatever its time.
-pub(super) fn voxel_size(step: Step, scene: &Scene) -> Result<f64, SceneErrors> {
+/// The voxel size in metres that a step means for a scene, of which this is the field, whatever its time.
+pub(super) fn voxel_size(step: Step, scene: &Scene, field: &Field) -> Result<f64, SceneErrors> {
     Ok(match step {
         Step::VoxelSize(size) => size,
         Step::Resolution(resolution) => {
-            let longest = field::extent(scene)?.map_or(1.0, |[lo, hi]| (hi - lo).max_element());
+            let longest = field::extent_around(scene, field)?.map_or(1.0, |[lo, hi]| (hi - lo).max_element());
             longest / f64::from(resolution)
         }
     })
@@ -482,6 +511,25 @@ fn round_up(x: f64) -> f64 {
     format!("{digits}e{exponent}").parse().unwrap_or(x)
 }
 
+/// Refuses scenes whose tubes alone, compiled, take more memory than there may be.
+pub(super) fn has_room(scene: &Scene, budget: Amount) -> Result<(), Failure> {
+    /// Times that the curves are held: at the start frame, and at the time that is asked for, with what is made of them.
+    const HELD: u64 = 2;
+    let need = HELD * Field::estimate_memory(scene) as u64;
+    if need <= budget.bytes() {
+        return Ok(());
+    }
+    let segments: usize = scene.tubes().iter().map(|tube| tube.curve.segments().len()).sum();
+    #[allow(clippy::cast_precision_loss, reason = "for show")]
+    let [need_shown, budget_shown] = [need, budget.bytes()].map(|bytes| budget.show(bytes as f64));
+    let failure = Failure::failed(format!(
+        "too long for the memory: the curves' {} take about {need_shown}, and {budget_shown} may be used",
+        text::number(segments as u64, "segment"),
+    ));
+    let enough = memory::enough(need.saturating_mul(2).saturating_add(memory::PROGRAM));
+    Err(failure.hint(format!("allow more with --memory {enough}, or give the curves fewer points")))
+}
+
 /// Reads a scene file.
 pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     let origin = path.display().to_string();
@@ -497,13 +545,12 @@ pub(super) fn read_scene(path: &Path) -> Result<Scene, Failure> {
     if let Some(errors) = SceneErrors::not_utf8(&origin, &bytes) {
         return Err(errors.into());
     }
-    Ok(load_scene(&String::from_utf8_lossy(&bytes), path)?)
-}
-
-/// The scene of a text from the file at `path`, and the files beside that which it names.
-pub(super) fn load_scene(text: &str, path: &Path) -> Result<Scene, SceneErrors> {
+    // The user's own text may name any file.
     let folder = path.parent().unwrap_or(Path::new(""));
-    Scene::load(text, &path.display().to_string(), &|file| read_input(&folder.join(file)))
+    let load = |file: &str| read_input(&folder.join(file));
+    let scene = Scene::load(&String::from_utf8_lossy(&bytes), &origin, &load)?;
+    has_room(&scene, Amount::installed())?;
+    Ok(scene)
 }
 
 /// An estimate for a radius that is read from a file.
@@ -537,7 +584,7 @@ pub(super) fn sampling_errors(scene: &Scene) -> Vec<SamplingError> {
 }
 
 /// Reads a file that a scene names.
-fn read_input(path: &Path) -> io::Result<Vec<u8>> {
+pub(super) fn read_input(path: &Path) -> io::Result<Vec<u8>> {
     // Devices and the like have no end, and a pipe may never begin.
     if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::other("it is no file"));
@@ -568,7 +615,10 @@ mod tests {
     fn resolution_counts_voxels_along_the_longest_side() {
         let bounds = Some([[0.0, 0.0, -1.0], [1.0, 2.0, 3.0]]);
         assert_eq!(dimensions(bounds, 0.5), [2, 4, 8]);
-        let size = |text| voxel_size(Step::Resolution(8), &Scene::parse(text, "").expect("valid"));
+        let size = |text| {
+            let scene = Scene::parse(text, "").expect("valid");
+            voxel_size(Step::Resolution(8), &scene, &Field::compile(&scene))
+        };
         let tube = "[[tube]]\nradius = 0.5\ncurve = { points = [[0, 0, -1], [0, 0, 1], [0, 0, 3]] }";
         assert_eq!((size(tube), size("")), (Ok(0.5), Ok(0.125)));
     }

@@ -10,6 +10,7 @@ mod check;
 mod compare;
 mod convert;
 mod disk;
+mod embedded;
 mod estimate;
 mod failure;
 mod frames;

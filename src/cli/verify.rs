@@ -9,11 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use super::compare::figure;
 use super::interrupt::Interrupt;
-use super::job::load_scene;
 use super::memory::{Amount, PROGRAM, room_for};
 use super::output::save;
 use super::recipe::{CREATOR, antialias_name};
-use super::{Failure, Global, certify, text};
+use super::{Failure, Global, certify, embedded, text};
 use crate::field::{Field, Lattice};
 use crate::formats::npy::{self, Array, Values};
 use crate::formats::vdb::{FileInfo, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
@@ -65,13 +64,6 @@ struct Recipe {
     octave_fade: bool,
     widen: bool,
     antialias: String,
-}
-
-/// A file that the scene names.
-#[derive(Debug, Deserialize)]
-struct Named {
-    path: String,
-    sha256: String,
 }
 
 /// What was found, as `--json` prints it.
@@ -172,7 +164,9 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     if !is_size || !ANY.admits(recipe.time) {
         return Err(damaged("settings"));
     }
-    let scene = scene(arguments, text("vdbake_scene")?, optional("vdbake_inputs")?)?.at(recipe.time)?;
+    let scene =
+        embedded::scene(&metadata, path, arguments.inputs.as_deref(), Amount::settle(arguments.memory))?;
+    let scene = scene.ok_or_else(|| foreign(path, "vdbake_scene", &creator))?.at(recipe.time)?;
     let own = optional(certify::CERTIFICATE)?;
     let lattice = Lattice { voxel_size: recipe.voxel_size };
     let mut field = Field::compile(&scene);
@@ -294,34 +288,6 @@ fn info(path: &Path, budget: u64) -> Result<FileInfo, Failure> {
     let failed =
         |error: VdbReadError| Failure::input(format!("cannot read {}", path.display())).because(error);
     Ok(VdbFile::open_within(open(path)?, budget).map_err(failed)?.info().clone())
-}
-
-/// The scene of a file, with the files that it names, which must be those that it was baked with.
-fn scene(arguments: &Arguments, text: &str, inputs: Option<&str>) -> Result<Scene, Failure> {
-    let folder = match &arguments.inputs {
-        Some(folder) => folder.clone(),
-        None => arguments.file.parent().unwrap_or(Path::new("")).to_owned(),
-    };
-    // Named as the file, in the folder where what it names is.
-    let name = arguments.file.file_name().unwrap_or_default();
-    let scene = load_scene(text, &folder.join(name))?;
-    let named: Vec<Named> = match inputs {
-        None => vec![],
-        Some(inputs) => serde_json::from_str(inputs)
-            .map_err(|error| Failure::input("the list of the scene's files makes no sense").because(error))?,
-    };
-    for input in scene.inputs() {
-        let same =
-            |named: &&Named| named.path == input.path && named.sha256 == text::hexadecimal(&input.sha256);
-        if !named.iter().any(|named| same(&named)) {
-            return Err(Failure::check(format!(
-                "{} is not the file that the scene was baked with",
-                folder.join(&input.path).display()
-            ))
-            .hint("--inputs names the folder of the right one"));
-        }
-    }
-    Ok(scene)
 }
 
 /// What there is to say of a certificate.

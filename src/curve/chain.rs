@@ -5,6 +5,7 @@ use super::length::ArcLength;
 use super::{Frame, FrameRule, Segment};
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Why segments do not make a curve.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -61,12 +62,13 @@ const TURNED: f64 = 1e-12;
 /// panic.
 #[derive(Debug, Clone)]
 pub struct Curve {
-    segments: Vec<Segment>,
+    // Long curves are large, and copied along with what holds them.
+    segments: Arc<[Segment]>,
     rule: FrameRule,
-    lengths: Vec<ArcLength>,
+    lengths: Arc<[ArcLength]>,
     /// Arc length at each segment's start, and at the end of the last.
-    starts: Vec<f64>,
-    frames: Vec<Frames>,
+    starts: Arc<[f64]>,
+    frames: Arc<[Frames]>,
     closed: bool,
     holonomy: f64,
 }
@@ -114,12 +116,28 @@ impl Curve {
                 }
             }
         }
-        Ok(Curve { segments, rule, lengths, starts, frames, closed, holonomy })
+        Ok(Curve {
+            segments: segments.into(),
+            rule,
+            lengths: lengths.into(),
+            starts: starts.into(),
+            frames: frames.into(),
+            closed,
+            holonomy,
+        })
     }
 
     /// The segments, in order; at least one.
     pub fn segments(&self) -> &[Segment] {
         &self.segments
+    }
+
+    /// Bytes that the curve holds; copies of it hold the same.
+    pub fn memory(&self) -> usize {
+        let each = size_of::<Segment>() + size_of::<ArcLength>() + size_of::<f64>() + size_of::<Frames>();
+        self.segments.len() * each
+            + self.lengths.iter().map(ArcLength::memory).sum::<usize>()
+            + self.frames.iter().map(Frames::memory).sum::<usize>()
     }
 
     /// Whether the curve ends where it starts, and goes on there as if it had no ends.

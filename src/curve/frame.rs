@@ -110,7 +110,15 @@ impl Frames {
         breaks.extend(sharp_turns(segment));
         breaks.sort_by(f64::total_cmp);
         breaks.dedup();
+        breaks.shrink_to_fit();
         Frames { transport, pieces, breaks }
+    }
+
+    /// Bytes that they hold besides themselves.
+    pub(super) fn memory(&self) -> usize {
+        self.transport.memory()
+            + self.pieces.capacity() * size_of::<Piece>()
+            + self.breaks.capacity() * size_of::<f64>()
     }
 
     /// The frame at t.

@@ -49,6 +49,14 @@ impl ArcLength {
         }
     }
 
+    /// Bytes that it holds besides itself.
+    pub(super) fn memory(&self) -> usize {
+        match self {
+            ArcLength::Table(starts) => starts.capacity() * size_of::<(f64, f64)>(),
+            ArcLength::Line(_) | ArcLength::Even | ArcLength::Vertex(_) => 0,
+        }
+    }
+
     /// Arc length from t = 0.
     pub(super) fn at(&self, segment: &Segment, t: f64) -> f64 {
         match self {
@@ -121,6 +129,7 @@ fn table(segment: &Segment) -> Vec<(f64, f64)> {
             pending.push((a, mid));
         }
     }
+    starts.shrink_to_fit();
     starts
 }
 

@@ -107,7 +107,13 @@ impl Transport {
                 pending.push((a, mid));
             }
         }
+        carried.spans.shrink_to_fit();
         carried
+    }
+
+    /// Bytes that it holds besides itself.
+    pub(super) fn memory(&self) -> usize {
+        self.spans.capacity() * size_of::<Span>()
     }
 
     /// The frame at t.

@@ -21,7 +21,7 @@ const FRAMES: i64 = 32;
 /// What does not fit in the scene at one of these frames.
 pub fn extent(scene: &Scene) -> Result<Option<[DVec3; 2]>, SceneErrors> {
     let time = scene.time();
-    let last = if scene.is_moving() { time.end.unwrap_or(time.start) - time.start } else { 0 };
+    let last = last(scene);
     let steps = last.min(FRAMES - 1);
     let frames = (0..=steps).into_par_iter().map(|step| {
         let frame = time.start + if steps > 0 { (step * last + steps / 2) / steps } else { 0 };
@@ -35,6 +35,21 @@ pub fn extent(scene: &Scene) -> Result<Option<[DVec3; 2]>, SceneErrors> {
         }
     }
     Ok(extent)
+}
+
+/// The same of a scene whose field is this.
+///
+/// # Errors
+///
+/// As of [`extent`].
+pub fn extent_around(scene: &Scene, field: &Field) -> Result<Option<[DVec3; 2]>, SceneErrors> {
+    if last(scene) <= 0 && scene.seconds() == 0.0 { Ok(field.bounds()) } else { extent(scene) }
+}
+
+/// The scene's last frame, after its start, at which it may take other room.
+fn last(scene: &Scene) -> i64 {
+    let time = scene.time();
+    if scene.is_moving() { time.end.unwrap_or(time.start) - time.start } else { 0 }
 }
 
 #[cfg(test)]

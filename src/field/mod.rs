@@ -128,7 +128,7 @@ mod span;
 mod tube;
 
 pub use cover::Capsule;
-pub use extent::extent;
+pub use extent::{extent, extent_around};
 pub(crate) use hulls::{Ball, Cone, Hull};
 pub use narrow::Candidate;
 pub use region::Region;
@@ -190,6 +190,11 @@ impl Field {
             widen: bake.widen,
             antialias: bake.antialias,
         }
+    }
+
+    /// About how many bytes the field of a scene takes, and the scene's curves with it, found without compiling all of it.
+    pub fn estimate_memory(scene: &Scene) -> usize {
+        scene.tubes().iter().map(|tube| tube.curve.memory() + Tube::estimate_memory(tube)).sum()
     }
 
     /// Widens what is too thin for a lattice, where the scene says so. Without this the field is that of an endlessly fine

@@ -21,11 +21,12 @@ impl Radius {
         Radius { profile: profile.clone(), voxel: None }
     }
 
-    /// Widens what is thin for voxels of edge `h`; whether anything is.
+    /// Widens what is thin for voxels of edge `h`, and nothing for another; whether that changes any radius.
     pub(crate) fn widen(&mut self, h: f64) -> bool {
         let is_thin = self.profile.range(0.0, 1.0).0 < 2.0 * WIDENED * h;
+        let before = self.voxel;
         self.voxel = is_thin.then_some(h);
-        is_thin
+        self.voxel != before
     }
 
     /// Whether some of it is widened.
@@ -103,6 +104,8 @@ mod tests {
             assert!(widened >= own && (own < 3.0 || widened == own));
             before = widened;
         }
+        assert!(!radius.widen(1.0) && radius.is_widened());
+        assert!(radius.widen(1e-9) == radius.is_widened());
         assert_eq!(radius.at(0.0), WIDENED);
         assert!(!Radius::new(&Profile::constant(3.0).expect("a radius")).widen(1.0));
     }

@@ -1,8 +1,10 @@
 //! One tube, compiled: spans along its axis, its ends and corners, its envelope and layers.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::pattern::Perlin;
 use super::radius::Radius;
@@ -12,6 +14,8 @@ use crate::scene::{self, Caps, Conserve, Op, Overlap, Pattern, Radial, Space};
 
 /// A corner turns by more than this many radians; below it the wedge outside of it is thinner than single precision.
 pub(crate) const CORNER: f64 = 1e-7;
+/// As many segments are worth several threads.
+const MANY: usize = 256;
 /// Where the tangents of a cusp are taken, in t.
 const ASIDE: f64 = 1e-6;
 
@@ -20,8 +24,8 @@ pub(crate) struct Tube {
     pub(crate) name: String,
     pub(crate) curve: Curve,
     pub(crate) radius: Radius,
-    /// Spans of each segment.
-    pub(crate) spans: Vec<Vec<Span>>,
+    /// Spans of each segment; copies share them.
+    pub(crate) spans: Arc<[Box<[Span]>]>,
     /// The ends and corners where feet gather: `None` where there are none.
     pub(crate) points: Vec<Point>,
     pub(crate) caps: Caps,
@@ -80,7 +84,7 @@ impl Tube {
             name: tube.name.clone(),
             curve: tube.curve.clone(),
             radius: Radius::new(&tube.radius),
-            spans: Vec::new(),
+            spans: Arc::new([]),
             points: Vec::new(),
             caps: tube.caps,
             radial: tube.radial,
@@ -100,8 +104,7 @@ impl Tube {
 
     /// Widens what is too thin for voxels of edge `h`.
     pub(crate) fn widen(&mut self, h: f64) {
-        let before = self.radius.is_widened();
-        if self.radius.widen(h) || before {
+        if self.radius.widen(h) {
             self.lay();
         }
     }
@@ -110,9 +113,30 @@ impl Tube {
     fn lay(&mut self) {
         let axis = Axis { curve: &self.curve, radius: &self.radius, conserved: self.conserved };
         let breaks = breaks(&self.curve, &self.radius);
-        let spans = (0..self.curve.segments().len()).map(|i| axis.spans(i, &breaks[i])).collect();
-        let points = points(&axis, self.caps);
-        (self.spans, self.points) = (spans, points);
+        // What was laid before is not held beside it.
+        self.spans = Arc::new([]);
+        let segments = self.curve.segments().len();
+        let spans = |i: usize| axis.spans(i, &breaks[i]).into_boxed_slice();
+        self.spans = if segments < MANY {
+            (0..segments).map(spans).collect()
+        } else {
+            (0..segments).into_par_iter().map(spans).collect()
+        };
+        self.points = points(&axis, self.caps);
+    }
+
+    /// About how many bytes the spans of a scene's tube take: those of some segments, taken for all.
+    pub(super) fn estimate_memory(tube: &scene::Tube) -> usize {
+        const SAMPLE: usize = 256;
+        let (curve, radius) = (&tube.curve, Radius::new(&tube.radius));
+        let axis = Axis { curve, radius: &radius, conserved: None };
+        let breaks = breaks(curve, &radius);
+        let segments = curve.segments().len();
+        let step = segments.div_ceil(SAMPLE);
+        let tried = (0..segments).step_by(step);
+        let count = tried.clone().count();
+        let spans: usize = tried.map(|i| axis.spans(i, &breaks[i]).len()).sum();
+        segments * (size_of::<Box<[Span]>>() + spans * size_of::<Span>() / count.max(1))
     }
 
     /// Change of the cylinder's height per metre of arc.

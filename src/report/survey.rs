@@ -61,7 +61,12 @@ pub struct Survey<'a> {
 impl<'a> Survey<'a> {
     /// Of a scene at its time; plans take up to `budget` bytes.
     pub fn new(scene: &'a Scene, look: Look, budget: u64) -> Survey<'a> {
-        let (pilot, exact) = (Pilot::new(scene, budget), Reference::new(scene, None));
+        Survey::with(scene, Field::compile(scene), look, budget)
+    }
+
+    /// Of a scene that has been compiled.
+    pub fn with(scene: &'a Scene, field: Field, look: Look, budget: u64) -> Survey<'a> {
+        let (pilot, exact) = (Pilot::with(scene, field, budget), Reference::new(scene, None));
         Survey { pilot, exact, look, budget, planned: [0; 2].map(AtomicU64::new) }
     }
 

@@ -111,6 +111,11 @@ impl<'a> Pilot<'a> {
         Pilot { scene, field: Field::compile(scene), budget }
     }
 
+    /// Of a scene that has been compiled.
+    pub fn with(scene: &'a Scene, field: Field, budget: u64) -> Pilot<'a> {
+        Pilot { scene, field, budget }
+    }
+
     /// The scene.
     pub fn scene(&self) -> &Scene {
         self.scene

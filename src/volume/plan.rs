@@ -97,6 +97,9 @@ const CAPSULES: usize = 16;
 const ROOT: u32 = 9;
 
 impl Plan {
+    /// Bytes that a piece of an axis takes for each brick that it reaches, at most.
+    pub const CONTACT: usize = size_of::<Contact>() + size_of::<Candidate>();
+
     /// Plans the bake of `field` at a lattice, within `budget` bytes for the plan itself: of bricks that can hold density at
     /// their voxels' centres and, where the field is to be anti-aliased, of those that an edge may pass through.
     ///

@@ -108,3 +108,39 @@ fn files_that_cannot_be_read_are_faults_of_the_scene() {
     fs::create_dir(&points).expect("a folder");
     told("it is no file");
 }
+
+/// Whoever sends a file chose the names in it.
+#[test]
+fn recipes_name_files_beside_or_below_theirs() {
+    let folder = tempdir().expect("a temporary folder");
+    let scene = scene(&folder.path().join("one"));
+    let absolute = folder.path().join("one/data/points.csv");
+    let absolute = absolute.to_str().expect("plain");
+    let text = SCENE.replace("data/radius", "../one/data/radius");
+    for (name, points) in [("climbing", "../one/data/points.csv"), ("absolute", absolute)] {
+        let scene = scene.with_file_name(format!("{name}.toml"));
+        write(&scene, &text.replace("data/points.csv", points));
+        let file = folder.path().join("one/out.vdb");
+        let to = ["-o", file.to_str().expect("plain"), "--resolution", "16", "--quiet"];
+        assert!(run("bake", &scene, &to).status.success());
+        let told = run("verify", &file, &[]);
+        assert_eq!(told.status.code(), Some(3), "{}", stderr(&told));
+        assert!(stderr(&told).contains("--inputs"), "{}", stderr(&told));
+        let output = run("info", &file, &["--json"]);
+        assert!(json(&output)["view"].is_null() && stderr(&output).contains("beside or below"));
+        let picture = folder.path().join("out.png");
+        let options = ["-o", picture.to_str().expect("plain"), "--size", "8x8"];
+        let output = run("render", &file, &options);
+        assert!(output.status.success() && stderr(&output).contains("are made up"), "{}", stderr(&output));
+        let data = scene.with_file_name("data");
+        let verify = || run("verify", &file, &["--inputs", data.to_str().expect("plain")]);
+        let output = verify();
+        assert!(output.status.success(), "{}", stderr(&output));
+        // Of a file that the recipe does not know, nothing is told.
+        write(&data.join("points.csv"), "root:x:0:0\n");
+        let output = verify();
+        assert_eq!(output.status.code(), Some(4), "{}", stderr(&output));
+        assert!(!stderr(&output).contains("root"), "{}", stderr(&output));
+        write(&data.join("points.csv"), POINTS);
+    }
+}

@@ -125,3 +125,39 @@ fn what_is_far_too_long_for_its_radius_is_refused_at_once() {
     assert_eq!(code(&output), 1);
     assert!(errors(&output).contains("move the scene nearer to the origin"), "{}", errors(&output));
 }
+
+#[test]
+fn voxels_far_too_small_are_refused_with_a_size_that_fits() {
+    let folder = Folder::new();
+    folder.put(
+        "long.toml",
+        "[[tube]]\nradius = 0.3\ncurve = { points = [[0, 0, 0], [0.2, 0, 1], [0, 0, 2]] }\n",
+    );
+    for size in ["1e-4", "1e-6"] {
+        let output = folder.run(&["plan", "long.toml", "--voxel-size", size, "--memory", "160MiB"]);
+        let told = errors(&output);
+        assert_eq!(code(&output), 1, "{told}");
+        let fits = named(&told, "--voxel-size ");
+        let output = folder.run(&["plan", "long.toml", "--voxel-size", &fits, "--memory", "160MiB"]);
+        assert_eq!(code(&output), 0, "{fits}: {}", errors(&output));
+    }
+}
+
+#[test]
+fn curves_too_long_for_the_memory_are_refused_before_it_is_taken() {
+    let folder = Folder::new();
+    let points: String = (0..20_000).map(|i| format!("[{}, {}, {}], ", i % 2, i % 3, i)).collect();
+    folder.put(
+        "long.toml",
+        format!("[[tube]]\nradius = 0.1\ncurve = {{ kind = \"catmull-rom\", points = [{points}] }}\n"),
+    );
+    let plan = |memory: &str| {
+        folder.run(&["plan", "long.toml", "--voxel-size", "10", "--memory", memory, "--quiet"])
+    };
+    let output = plan("32MiB");
+    let told = errors(&output);
+    assert_eq!(code(&output), 1, "{told}");
+    assert!(told.contains("19,999 segments take about"), "{told}");
+    let output = plan(&named(&told, "--memory "));
+    assert_eq!(code(&output), 0, "{}", errors(&output));
+}

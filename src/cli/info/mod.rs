@@ -37,8 +37,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         if global.json {
             match vdb::view(&report, path, arguments.size) {
                 Ok(view) => report.view = Some(view),
-                Err(errors) => global.note(&format!(
-                    "no view, since the scene in {} cannot be read:\n{errors}",
+                Err(failure) => global.note(&format!(
+                    "no view, since the scene in {} cannot be read:\n{failure}",
                     path.display()
                 )),
             }

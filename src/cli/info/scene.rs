@@ -66,9 +66,10 @@ struct TubeReport {
 
 /// Describes.
 pub(super) fn describe(scene: &Scene) -> Result<Report, SceneErrors> {
-    let bounds = bounds(&Field::compile(scene));
+    let field = Field::compile(scene);
+    let bounds = bounds(&field);
     let (bake, time) = (scene.bake(), scene.time());
-    let voxel_size = voxel_size(bake.step, scene)?;
+    let voxel_size = voxel_size(bake.step, scene, &field)?;
     Ok(Report {
         kind: "scene",
         name: scene.name().to_owned(),

@@ -9,10 +9,9 @@ use serde::Serialize;
 
 use super::view::{self, Size, View};
 use crate::cli::memory::Amount;
-use crate::cli::{Failure, job, text};
+use crate::cli::{Failure, embedded, text};
 use crate::formats::vdb::{GridInfo, Meta, Metadata, list_grids};
-use crate::scene::SceneErrors;
-use crate::scene::limit::ANY;
+use crate::scene::Scene;
 
 /// As `--json` prints it.
 #[derive(Debug, Serialize)]
@@ -32,6 +31,9 @@ pub(super) struct Report {
     error: Option<String>,
     /// What another renderer needs; null where the scene in the file cannot be read.
     pub(super) view: Option<View>,
+    /// The file's, as it is.
+    #[serde(skip)]
+    recipe: Metadata,
 }
 
 #[derive(Debug, Serialize)]
@@ -155,20 +157,22 @@ pub(super) fn read(path: &Path) -> Result<(Report, Option<Failure>), Failure> {
         out_of_reach: info.out_of_reach,
         error,
         view: None,
+        recipe: listing.info.metadata,
     };
     Ok((report, failure))
 }
 
 /// The view of the scene that the file was baked from, at its time; other files that it names are looked for beside this
 /// one. Of files that carry none, that of an empty scene, framed to the density.
-pub(super) fn view(report: &Report, path: &Path, size: Size) -> Result<View, SceneErrors> {
-    let text = |name| match report.metadata.get(name) {
-        Some(Value::Text(text)) => text,
-        _ => "",
+pub(super) fn view(report: &Report, path: &Path, size: Size) -> Result<View, Failure> {
+    let time = match report.metadata.get("vdbake_settings") {
+        Some(Value::Text(settings)) => embedded::time(settings),
+        _ => 0.0,
     };
-    let settings: serde_json::Value = serde_json::from_str(text("vdbake_settings")).unwrap_or_default();
-    let time = settings["time"].as_f64().filter(|time| ANY.admits(*time)).unwrap_or(0.0);
-    let scene = job::load_scene(text("vdbake_scene"), path)?.at(time)?;
+    let scene = match embedded::scene(&report.recipe, path, None, Amount::installed())? {
+        Some(scene) => scene.at(time)?,
+        None => Scene::parse("", "no scene")?,
+    };
     let named = report.grids.iter().find(|grid| grid.name == "density");
     Ok(view::view(&scene, named.or(report.grids.first()).and_then(bounds), size))
 }

@@ -276,7 +276,7 @@ fn draw(
     let mut clock = Clock { last: Instant::now(), first: Instant::now() };
     let field;
     let drawn = if is_file {
-        Drawn::of_file(arguments, budget)?
+        Drawn::of_file(arguments, budget, global)?
     } else {
         let (compiled, view) = source::scene(arguments)?;
         field = compiled;

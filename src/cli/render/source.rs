@@ -6,9 +6,10 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::Arguments;
-use crate::cli::Failure;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
+use crate::cli::memory::Amount;
+use crate::cli::{Failure, Global, embedded};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
 use crate::march::{Baked, BakedError, Grid, Meaning, Medium, Optics, Procedural};
@@ -81,7 +82,7 @@ impl<'a> Drawn<'a> {
     }
 
     /// A file's grid, in no more than `budget` bytes.
-    pub(super) fn of_file(arguments: &Arguments, budget: u64) -> Result<Drawn<'a>, Failure> {
+    pub(super) fn of_file(arguments: &Arguments, budget: u64, global: &Global) -> Result<Drawn<'a>, Failure> {
         let options = &arguments.options;
         if let Some(option) = options.for_scenes_only().or(arguments.marching_option()) {
             return Err(Failure::usage(format!("{option} has no meaning for a file, only for a scene")));
@@ -111,7 +112,7 @@ impl<'a> Drawn<'a> {
         };
         let view = match &arguments.scene {
             Some(scene) => scene_view(scene, bounds)?,
-            None => own_view(&file.info().metadata, bounds)?,
+            None => own_view(&file.info().metadata, path, bounds, options.budget(), global)?,
         };
         let medium = Medium::Baked(baked?);
         Ok(Drawn { medium: medium.coarser(halvings).unwrap_or(medium), view })
@@ -174,16 +175,26 @@ fn scene_view(path: &Path, of_file: Option<[DVec3; 2]>) -> Result<View, Failure>
 }
 
 /// As the scene says that the file was baked from; with a camera and lights of its own where there is none.
-fn own_view(metadata: &Metadata, of_file: Option<[DVec3; 2]>) -> Result<View, Failure> {
-    let text = |name: &str| match metadata.get(name) {
-        Some(Meta::String(text)) => Some(text.as_str()),
-        _ => None,
+fn own_view(
+    metadata: &Metadata,
+    path: &Path,
+    of_file: Option<[DVec3; 2]>,
+    budget: Amount,
+    global: &Global,
+) -> Result<View, Failure> {
+    let time = match metadata.get("vdbake_settings") {
+        Some(Meta::String(settings)) => embedded::time(settings),
+        _ => 0.0,
     };
-    let time = text("vdbake_settings")
-        .and_then(|settings| serde_json::from_str::<serde_json::Value>(settings).ok())
-        .and_then(|settings| settings.get("time")?.as_f64())
-        .unwrap_or(0.0);
-    let own = text("vdbake_scene").and_then(|text| Scene::parse_at(text, "scene", time).ok());
+    let own = embedded::scene(metadata, path, None, budget)
+        .and_then(|scene| Ok(scene.map(|scene| scene.at(time)).transpose()?))
+        .unwrap_or_else(|failure| {
+            let path = path.display();
+            global.note(&format!(
+                "a camera and a light are made up, since the scene in {path} cannot be read:\n{failure}"
+            ));
+            None
+        });
     match own {
         Some(scene) => Ok(View::of_scene(&scene, Field::compile(&scene).bounds().or(of_file))),
         // All that a scene leaves open.

@@ -13,14 +13,14 @@
     )
 )]
 
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use exr::block::chunk::CompressedBlock;
 use exr::compression::Compression;
 use exr::image::{AnyChannels, FlatSamples, Layer};
-use exr::meta::MetaData;
 use exr::meta::attribute::AttributeValue;
+use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::{ReadChannels, ReadLayers};
 
 use super::{ATTRIBUTE, Part, Samples};
@@ -87,6 +87,7 @@ pub fn read(mut input: impl Read + Seek, memory_limit: u64) -> Result<Vec<Part<S
     let decode = AssertUnwindSafe(move || {
         let meta = MetaData::read_from_buffered(&mut input, false)?;
         check(&meta, length, memory_limit)?;
+        check_chunks(&meta, &mut input, length)?;
         input.rewind()?;
         if meta.headers.iter().any(|header| is_dwa(header.compression)) {
             check_dwa(&mut input)?;
@@ -109,6 +110,9 @@ pub fn read(mut input: impl Read + Seek, memory_limit: u64) -> Result<Vec<Part<S
 fn check(meta: &MetaData, length: u64, limit: u64) -> Result<(), ExrReadError> {
     let (mut announced, mut needed) = (0_u64, 0_u64);
     for header in &meta.headers {
+        if header.deep {
+            return Err(exr::error::Error::NotSupported("deep data".into()).into());
+        }
         let [width, height] = [header.layer_size.width(), header.layer_size.height()];
         let pixels = (width as u64).saturating_mul(height as u64);
         announced = announced.saturating_add(pixels.saturating_mul(header.channels.bytes_per_pixel as u64));
@@ -131,6 +135,40 @@ fn check(meta: &MetaData, length: u64, limit: u64) -> Result<(), ExrReadError> {
     Ok(())
 }
 
+/// Refuses chunks that say they are longer than what follows them in the file: the decoder takes memory for them as they say,
+/// up to the size of a tile, which may be far larger than the image. The input stands behind the headers.
+fn check_chunks(meta: &MetaData, input: &mut (impl Read + Seek), length: u64) -> Result<(), ExrReadError> {
+    let mut offsets = Vec::new();
+    for header in &meta.headers {
+        for _ in 0..header.chunk_count {
+            offsets.push(u64::from_le_bytes(array(input)?));
+        }
+    }
+    for offset in offsets {
+        input.seek(SeekFrom::Start(offset))?;
+        let part = if meta.requirements.is_multilayer() { u32::from_le_bytes(array(input)?) } else { 0 };
+        let header = usize::try_from(part).ok().and_then(|part| meta.headers.get(part));
+        // Where it is: a row, or the place of a tile and its level.
+        match header.ok_or(ExrReadError::Damaged)?.blocks {
+            BlockDescription::ScanLines => drop(array::<4>(input)?),
+            BlockDescription::Tiles(_) => drop(array::<16>(input)?),
+        }
+        let told = u64::from(u32::from_le_bytes(array(input)?));
+        if told > length.saturating_sub(input.stream_position()?) {
+            return Err(ExrReadError::Damaged);
+        }
+    }
+    Ok(())
+}
+
+fn array<const N: usize>(input: &mut impl Read) -> Result<[u8; N], ExrReadError> {
+    let mut bytes = [0; N];
+    match input.read_exact(&mut bytes) {
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => Err(ExrReadError::Damaged),
+        result => result.map(|()| bytes).map_err(ExrReadError::from),
+    }
+}
+
 fn is_dwa(compression: Compression) -> bool {
     matches!(compression, Compression::DWAA(_) | Compression::DWAB(_))
 }
@@ -140,7 +178,8 @@ fn is_dwa(compression: Compression) -> bool {
 fn check_dwa(input: &mut (impl Read + Seek)) -> Result<(), ExrReadError> {
     let reader = exr::block::read(input, false)?;
     let headers = reader.headers().to_vec();
-    for chunk in reader.all_chunks(false)? {
+    // Those that the table of offsets names, as they are decoded.
+    for chunk in reader.filter_chunks(false, |_, _, _| true)? {
         let chunk = chunk?;
         let Some(header) = headers.get(chunk.layer_index) else { return Err(ExrReadError::Damaged) };
         let bytes = match &chunk.compressed_block {

@@ -9,7 +9,7 @@ use super::within;
 
 const NAME: &str = "scene.toml";
 /// Bytes that a plan may take.
-const PLAN: u64 = 16 << 20;
+const PLAN: u64 = 4 << 20;
 /// Bricks that are baked.
 const BRICKS: usize = 4;
 
