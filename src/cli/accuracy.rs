@@ -5,7 +5,7 @@ use std::io;
 use clap::{Args, ValueEnum};
 
 use super::compare::figure;
-use super::job::{Job, Moment, Options, Source, bounds};
+use super::job::{Job, Moment, Options, SEARCH, Source, bounds};
 use super::memory::{Amount, PROGRAM, enough};
 use super::{Failure, text};
 use crate::field::{Field, Lattice};
@@ -29,8 +29,6 @@ pub(super) const MOST_ROUNDS: u32 = 5;
 /// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
 /// takes 2 KiB then.
 const PLANS: u64 = 32;
-/// Bytes that pilots and bakes of any size can do with.
-const LEAST: u64 = 48 << 20;
 /// Times the memory that is expected to be needed.
 const SPARE: f64 = 1.05;
 /// Bytes of a brick that is baked, written, read and measured: as it is encoded, its values, and its place.
@@ -432,7 +430,7 @@ fn unplanned(
         bytes
     });
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-    let bytes = ((SPARE * needed) as u64).saturating_add(PROGRAM).max(LEAST);
+    let bytes = ((SPARE * needed) as u64).saturating_add(PROGRAM).max(SEARCH);
     let failure =
         failure.hint(format!("allow a larger --max-error, or more with --memory {} or so", enough(bytes)));
     let failure = edges(survey.pilot().scene()).into_iter().fold(failure, Failure::hint);

@@ -355,14 +355,16 @@ impl Job {
                 "too many bricks for the memory: to plan them takes more than the {budget} that may be used"
             ),
         });
-        let more = format!("allow more with --memory {}", memory::enough(enough));
         // Other voxels would be no answer to what they were searched for.
         if self.searched {
-            // Before bricks are found their number is known within a factor of a few only.
-            let about = if bricks.is_none() { " or so" } else { "" };
-            return failure
-                .hint(format!("{more}{about}, or ask for a larger --max-error or a smaller --max-bytes"));
+            // What the search takes is not the same in every run, and before bricks are found their number is known within a
+            // factor of a few only.
+            let enough = memory::enough(enough.saturating_add(enough / 8).max(SEARCH));
+            return failure.hint(format!(
+                "allow more with --memory {enough} or so, or ask for a larger --max-error or a smaller --max-bytes"
+            ));
         }
+        let more = format!("allow more with --memory {}", memory::enough(enough));
         match self.fitting(self.coarser(self.lattice.voxel_size, need)) {
             Some(size) => failure.hint(format!("--voxel-size {size} fits, or {more}")),
             None => failure.hint(format!("no voxel size fits that leaves any of the density: {more}")),
@@ -457,6 +459,9 @@ impl Job {
         }
     }
 }
+
+/// Bytes that searches for a voxel size and small bakes can do with.
+pub(super) const SEARCH: u64 = 48 << 20;
 
 /// Why a voxel size cannot be baked.
 #[derive(Debug)]

@@ -242,10 +242,19 @@ fn fronts(report: &Report, file: &str) -> Markup {
                     td { (row.cost.total.map_or_else(String::new, |total| words::seconds(total.median))) }
                     td { (row.cost.bytes.map_or_else(String::new, bytes_of)) }
                     td.label { (row.label) }
-                    td.wide { code { (row.command.as_deref().map_or_else(String::new, named)) } }
+                    td.wide { code { (whole_options(&row.command.as_deref().map_or_else(String::new, named))) } }
                 } } }
             } }
         }
+    }
+}
+
+/// A command whose lines break between its options.
+fn whole_options(command: &str) -> Markup {
+    let mut parts = command.split(" --");
+    html! {
+        (parts.next().unwrap_or_default())
+        @for part in parts { " " span.option { "--" (part) } }
     }
 }
 

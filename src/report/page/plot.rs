@@ -343,9 +343,11 @@ impl Plot {
 
     /// Room for the longest name beside the last of all points, over the length of the axis without it.
     fn room(&self) -> f64 {
-        const AXIS: f64 = 400.0;
+        /// Pixels of the axis, and its length over that of the points' range without the names.
+        const AXIS: f64 = 378.0;
+        const LEFT: f64 = 1.06;
         let longest = self.series.iter().map(|series| width(&series.name)).fold(0.0, f64::max) + 2.0 * BESIDE;
-        longest / (AXIS - longest).max(1.0)
+        LEFT * longest / (AXIS - longest).max(1.0)
     }
 
     /// Each series' name beside its last point, none over another.
