@@ -17,6 +17,11 @@ const PLACES: usize = 64;
 const MOST_PLACES: usize = 1 << 14;
 /// Bricks that are baked to see what a scene is like.
 const SAMPLE: usize = 512;
+/// Root mean square of the slope of Perlin noise along any direction, per cell: that its square has the mean 1/2 was found by
+/// averaging over places and gradients.
+const SLOPE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Octaves of more cells a voxel have faded by half.
+const HALF_FADED: f64 = 1.06;
 /// Above this many cells of noise a voxel, noise between voxels is lost.
 const NYQUIST: f64 = 0.5;
 
@@ -30,6 +35,10 @@ pub struct Hazard {
 }
 
 impl Hazard {
+    pub(super) fn new(kind: &'static str, size: f64, remark: Remark) -> Hazard {
+        Hazard { kind, size, remark }
+    }
+
     /// A word for what it is.
     pub fn kind(&self) -> &'static str {
         self.kind
@@ -88,6 +97,7 @@ pub fn hazards(scene: &Scene, lattice: Lattice) -> Vec<Hazard> {
         found.extend(on.sectors());
         for layer in 0..tube.layers.len() {
             found.extend(on.octaves(layer));
+            found.extend(on.warp(layer));
         }
     }
     found.extend(extinction(scene, h));
@@ -461,6 +471,42 @@ impl On<'_> {
         })
     }
 
+    /// Warps that crowd octaves which a voxel could show without.
+    fn warp(&self, number: usize) -> Option<Hazard> {
+        let Pattern::Perlin(sum) = &self.tube.layers[number].pattern else { return None };
+        let warp = sum.warp.as_ref()?;
+        let fades = self.scene.bake().octave_fade;
+        let cells = |frequency: [f64; 3], lacunarity: f64, octaves: u32| {
+            let first = self.cells(sum.space, frequency);
+            let all =
+                (0..octaves).map(move |octave| (octave, first * libm::pow(lacunarity, f64::from(octave))));
+            all.filter(move |(_, cells)| !fades || *cells <= HALF_FADED)
+        };
+        let finest =
+            cells(sum.frequency, sum.lacunarity, sum.octaves).map(|(_, cells)| cells).fold(0.0, f64::max);
+        // By how many cells of the first octave the warp moves what is a voxel apart: root mean square, as octaves are independent.
+        let whole: f64 = (0..warp.octaves).map(|octave| libm::pow(warp.gain, f64::from(octave))).sum();
+        let slopes = cells(warp.frequency, warp.lacunarity, warp.octaves)
+            .map(|(octave, cells)| SLOPE * libm::pow(warp.gain, f64::from(octave)) * cells / whole);
+        let slope = slopes.map(|slope| slope * slope).sum::<f64>().sqrt();
+        let first = self.cells(sum.space, sum.frequency);
+        let crowded = finest * (1.0 + warp.amplitude * slope / first);
+        let is_crowded = first > 0.0 && finest > 0.0 && crowded > 2.0 * HALF_FADED.max(finest);
+        is_crowded.then(|| {
+            let keys = [Key::Name("layer"), Key::Number(number), Key::Name("warp")];
+            self.say(
+                ("warp", Weight::Warning, crowded),
+                &keys,
+                format!("the warp crowds noise to some {} cells a voxel", figure(crowded)),
+                format!("{} without it; octaves fade as if there were none", figure(finest)),
+                format!(
+                    "a smaller `amplitude` or `frequency` of the warp, fewer octaves, or voxels of {} m",
+                    figure(self.h * HALF_FADED / crowded)
+                ),
+            )
+        })
+    }
+
     /// Cells of a pattern's first octave a voxel where the tube is widest, half a radius from its axis or, in the world, anywhere:
     /// the larger singular value of how fast the pattern's coordinates change across the tube, around it by twist, and along it.
     fn cells(&self, space: Space, frequency: [f64; 3]) -> f64 {
@@ -480,6 +526,28 @@ impl On<'_> {
             }
         }
     }
+}
+
+/// Of a layer all of whose octaves have faded, so that nothing may be left of it above a threshold: which it is, in words.
+pub fn faded_layer(scene: &Scene, lattice: Lattice) -> Option<String> {
+    let h = lattice.voxel_size;
+    let tubes = scene.tubes().iter().enumerate();
+    let layers = tubes.flat_map(|(number, tube)| {
+        let on = On { scene, tube, number, h };
+        (0..tube.layers.len()).filter_map(move |layer| Some((number, layer, on.octaves(layer)?)))
+    });
+    let faded = |(number, layer, hazard): (usize, usize, Hazard)| {
+        let is_faded = hazard.kind == "octaves" && hazard.weight() == Weight::Serious;
+        let size = figure(0.7 * h / hazard.size);
+        is_faded.then(|| {
+            format!(
+                "all octaves of layer {} of tube \"{}\" are finer than the voxels and fade out; voxels of {size} m show them",
+                layer + 1,
+                scene.tubes()[number].name
+            )
+        })
+    };
+    layers.filter_map(faded).next()
 }
 
 /// Where a function of t from 0 to 1 is least: by 64 places, and golden sections around the least of them.

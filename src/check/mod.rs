@@ -10,12 +10,14 @@ mod case;
 mod cases;
 mod family;
 mod hazard;
+mod meeting;
 mod page;
 mod probe;
 
 pub use case::{Case, Outcome};
 pub use family::{Family, Mark, families};
-pub use hazard::{Expectation, Hazard, expectation, hazards, hazards_expected, sorted};
+pub use hazard::{Expectation, Hazard, expectation, faded_layer, hazards, hazards_expected, sorted};
+pub use meeting::meetings;
 pub use page::{page, section};
 
 /// All cases, in the order in which they are shown.

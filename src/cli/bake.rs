@@ -19,7 +19,7 @@ use super::mass::Mass;
 use super::output::{Output, save};
 use super::progress::{Planning, Progress};
 use super::{Failure, Global, disk, machine, print, text};
-use crate::check::hazards;
+use crate::check::{faded_layer, hazards};
 use crate::formats::vdb::{self, FileHeader, Meta, VdbGridBuilder, VdbWriteError};
 use crate::num::Level;
 use crate::report::Certificate;
@@ -293,10 +293,10 @@ fn bake(
     let mass = Mass::new(&tally, &rest, job.lattice);
     let evaluated = clock.read();
     if plan.bricks() > 0 && tally.active_voxels == 0 {
-        note(
-            progress,
-            "no voxel is active: the density is at or below the cutoff, or between the centres of all voxels; the grid is empty",
-        );
+        let why = faded_layer(&job.scene, job.lattice).unwrap_or_else(|| {
+            "the density is at or below the cutoff, or between the centres of all voxels".to_owned()
+        });
+        note(progress, &format!("no voxel is active: {why}; the grid is empty"));
     }
 
     if tally.clamped_voxels > 0 {

@@ -14,7 +14,7 @@ use super::sample::unplanned;
 use super::{Failure, Global, failure, text};
 use crate::check::{
     Case, Expectation, Family, Hazard, Outcome, catalogue, expectation, families, hazards, hazards_expected,
-    page,
+    meetings, page,
 };
 use crate::num::Level;
 use crate::report::TrialError;
@@ -150,6 +150,8 @@ fn at(
     interrupt.check()?;
     let mut hazards = hazards(&job.scene, job.lattice);
     hazards.extend(hazards_expected(&job.scene, job.lattice, options.stored(), &expected));
+    interrupt.check()?;
+    hazards.extend(meetings(&job.scene, &plan));
     let report = SceneReport {
         scene: job.scene.name().to_owned(),
         frame: moment.frame,
@@ -238,7 +240,7 @@ fn tally(hazards: &[(Hazard, Option<i64>)]) -> String {
 fn of_program(arguments: &Arguments, global: &Global) -> Result<(), Failure> {
     let started = Instant::now();
     let form = arguments.output.as_deref().map(Form::of).transpose()?;
-    if let Some(option) = arguments.options.scene.for_scenes_only() {
+    if let Some(option) = arguments.options.for_scenes_only() {
         return Err(Failure::usage(format!("{option} is for scenes, and none is given")));
     }
     if let Some(output) = &arguments.output {

@@ -60,12 +60,12 @@ pub(super) struct Options {
     /// `1,5,9-12`, or `all` of the scene's own
     #[arg(long, value_name = "RANGES", conflicts_with = "time", allow_hyphen_values = true)]
     frames: Option<Frames>,
-    /// How precisely values are stored: single or half precision, as 32-bit or 16-bit floats
-    #[arg(long, value_enum, default_value_t = Width::F32)]
-    precision: Width,
-    /// How values are compressed, always without loss
-    #[arg(long, value_enum, default_value_t = Codec::Blosc)]
-    compression: Codec,
+    /// How precisely values are stored: single or half precision, as 32-bit or 16-bit floats [default: f32]
+    #[arg(long, value_enum)]
+    precision: Option<Width>,
+    /// How values are compressed, always without loss [default: blosc]
+    #[arg(long, value_enum)]
+    compression: Option<Codec>,
     /// Tell what was left out of the evaluation, and why
     #[arg(long)]
     pub(super) explain: bool,
@@ -118,6 +118,19 @@ impl SceneOptions {
 }
 
 impl Options {
+    /// The first of these options, if one is given: each is for scenes.
+    pub(super) fn for_scenes_only(&self) -> Option<&'static str> {
+        let given = [
+            (self.scene.memory.is_some(), "--memory"),
+            (self.frames.is_some(), "--frames"),
+            (self.precision.is_some(), "--precision"),
+            (self.compression.is_some(), "--compression"),
+            (self.explain, "--explain"),
+        ];
+        let own = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
+        self.scene.for_scenes_only().or(own)
+    }
+
     /// Whether frames are asked for.
     pub(super) fn is_sequence(&self) -> bool {
         self.frames.is_some()
@@ -125,7 +138,7 @@ impl Options {
 
     /// How values are stored.
     pub(super) fn stored(&self) -> Precision {
-        match self.precision {
+        match self.precision.unwrap_or(Width::F32) {
             Width::F32 => Precision::F32,
             Width::F16 => Precision::F16,
         }
@@ -238,7 +251,7 @@ impl Job {
     /// Compiles the scene for a moment, and settles what the options leave open.
     pub(super) fn new(source: &Source, moment: Moment, options: &Options) -> Result<Job, Failure> {
         let Compiled { scene, field, lattice, time, bounds } = source.compile(moment.time)?;
-        let compression = match options.compression {
+        let compression = match options.compression.unwrap_or(Codec::Blosc) {
             Codec::Blosc => Compression::Blosc,
             Codec::Zip => Compression::Zip,
             Codec::None => Compression::None,
@@ -390,6 +403,8 @@ impl Job {
         const MANY: f64 = 2e5;
         /// As many bricks as there are estimated to be, times this, there are never.
         const CERTAIN: f64 = 2.0;
+        /// Where a size may fit, but not for certain, the next is this many times as large.
+        const FINER: f64 = 1.1;
         let [lo, hi] = self.bounds?;
         let longest = [0, 1, 2].map(|axis| hi[axis] - lo[axis]).into_iter().fold(0.0, f64::max);
         let mut next = first;
@@ -400,16 +415,18 @@ impl Job {
                 return None;
             }
             let lattice = Lattice { voxel_size };
-            let bricks = CERTAIN * self.widened(lattice).estimate_blocks(lattice);
+            let bricks = self.widened(lattice).estimate_blocks(lattice);
             if bricks > MANY {
                 #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-                let need = (self.process() + LEAST) as f64
-                    + bricks * (memory::BRICK as f64 + CONTACTS * Plan::CONTACT as f64);
-                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-                if need <= self.budget() as f64 {
+                let [process, least, budget, brick, contact] =
+                    [self.process(), LEAST, self.budget(), memory::BRICK, Plan::CONTACT as u64]
+                        .map(|n| n as f64);
+                if process + least + CERTAIN * bricks * (brick + CONTACTS * contact) <= budget {
                     return Some(voxel_size);
                 }
-                next = self.coarser(voxel_size, need);
+                let likely = process + bricks / CONTACTS * brick;
+                next =
+                    if likely > budget { self.coarser(voxel_size, likely) } else { Some(FINER * voxel_size) };
                 continue;
             }
             next = match self.try_plan(lattice) {
@@ -521,7 +538,8 @@ pub(super) fn has_room(scene: &Scene, budget: Amount) -> Result<(), Failure> {
     /// Times that the curves are held: at the start frame, and at the time that is asked for, with what is made of them.
     const HELD: u64 = 2;
     let need = HELD * Field::estimate_memory(scene) as u64;
-    if need <= budget.bytes() {
+    // Where not even the program has room, that is told of what is to be done.
+    if need <= budget.bytes().max(memory::PROGRAM) {
         return Ok(());
     }
     let segments: usize = scene.tubes().iter().map(|tube| tube.curve.segments().len()).sum();

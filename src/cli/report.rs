@@ -12,7 +12,7 @@ use super::memory::{PROGRAM, enough};
 use super::output::{Output, save};
 use super::progress::Progress;
 use super::sample::unplanned;
-use super::{Failure, Global, text};
+use super::{Failure, Global, machine, text};
 use crate::check::{families, section};
 use crate::field::Lattice;
 use crate::report::TrialError;
@@ -91,6 +91,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let interrupt = Interrupt::listen()?;
     check(form, &arguments.output)?;
     let pool = global.pool()?;
+    has_room()?;
     let files = pool.install(|| {
         let Compiled { scene, lattice, .. } =
             Source::read(&arguments.scene, &arguments.options)?.compile(arguments.options.time())?;
@@ -105,6 +106,19 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         save(path, bytes, &interrupt)?;
     }
     global.show(&report, |report| human(report, &arguments.output))
+}
+
+/// Refuses to begin where the system lets the process have less than pictures, plots and the page take.
+fn has_room() -> Result<(), Failure> {
+    /// Bytes: with 41 MiB no report was finished, and with 80 MiB those of the shipped scenes begin.
+    const LEAST: u64 = 72 << 20;
+    match machine::process_limit() {
+        Some(limit) if limit < LEAST => {
+            let failure = Failure::failed("a report takes more memory than this process may have");
+            Err(failure.hint(format!("allow more with --memory {}", enough(LEAST))))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Refuses places where nothing can be written, before anything is measured.

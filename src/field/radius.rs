@@ -105,7 +105,7 @@ mod tests {
             before = widened;
         }
         assert!(!radius.widen(1.0) && radius.is_widened());
-        assert!(radius.widen(1e-9) == radius.is_widened());
+        assert!(radius.widen(1e-9) && radius.is_widened());
         assert_eq!(radius.at(0.0), WIDENED);
         assert!(!Radius::new(&Profile::constant(3.0).expect("a radius")).widen(1.0));
     }

@@ -84,6 +84,7 @@ pub use display::Developed;
 pub use grid::Grid;
 pub use medium::Medium;
 pub use methods::{Entry, Intervals, Marching, Method};
+pub(crate) use optics::phase;
 pub use optics::{Lamp, Optics};
 pub use picture::{Film, Integrator, Picture, Quality, Shadow};
 pub use procedural::Procedural;

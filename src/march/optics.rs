@@ -101,11 +101,13 @@ impl Optics {
 }
 
 /// Henyey and Greenstein's phase function (1941) of mean cosine g, whose integral over the sphere is 1, between two
-/// directions of propagation of length 1. Stable towards |g| = 1: with `1 - cos = |a - b|^2 / 2`.
-pub(super) fn phase(g: f64, a: DVec3, b: DVec3) -> f64 {
+/// directions of propagation of length 1. Stable towards |g| = 1: with `1 - cos = |a - b|^2 / 2`, or where it peaks backwards, that of
+/// the opposite mean cosine and direction.
+pub(crate) fn phase(g: f64, a: DVec3, b: DVec3) -> f64 {
+    let (g, b) = if g < 0.0 { (-g, -b) } else { (g, b) };
     let away = 0.5 * (a - b).length_squared();
     let narrow = (1.0 - g) * (1.0 - g) + 2.0 * g * away;
-    (1.0 - g * g) / (4.0 * std::f64::consts::PI * narrow * narrow.sqrt())
+    (1.0 - g) * (1.0 + g) / (4.0 * std::f64::consts::PI * narrow * narrow.sqrt())
 }
 
 #[cfg(test)]

@@ -161,6 +161,18 @@ impl Reference {
         bent.places(p, None).iter().filter_map(|place| bent.cylindrical(place)).collect()
     }
 
+    /// The cylinder coordinates of a world point by each foot on tube number `tube` that counts: none outside of the tube.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such tube.
+    pub fn inside(&self, tube: usize, p: [f64; 3]) -> Vec<Cylindrical> {
+        let bent = &self.tubes[tube];
+        let reach = SLACK * bent.wide(bent.radius.largest());
+        let places = bent.places(p, Some(reach));
+        places.iter().filter_map(|place| bent.cylindrical(place)).filter(|at| at.q() <= 1.0).collect()
+    }
+
     /// Arc length of the axis of tube number `tube`, metres.
     ///
     /// # Panics

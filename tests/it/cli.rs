@@ -360,6 +360,10 @@ fn a_grid_without_active_voxels_is_noted() {
     let output = folder.run(&["bake", "faint.toml"]);
     assert_eq!(code(&output), 0);
     assert!(errors(&output).contains("note: no voxel is active"), "{}", errors(&output));
+    let faded = "[bake]\nresolution = 48\n[[tube]]\ncurve = { points = [[0, 0, 0], [1, 0, 0], [2, 0, 0]] }\n[[tube.layer]]\nfrequency = 1000\n";
+    folder.put("faded.toml", faded);
+    let output = folder.run(&["bake", "faded.toml"]);
+    assert!(errors(&output).contains("no voxel is active: all octaves of layer 1"), "{}", errors(&output));
     let output = folder.run(&["bake", "bent.toml"]);
     assert!(!errors(&output).contains("note"), "{}", errors(&output));
 }

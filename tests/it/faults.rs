@@ -381,6 +381,18 @@ fn too_little_memory_is_an_error() {
     }
 }
 
+/// What a report takes is not known beforehand; with far too little it does not begin.
+#[test]
+fn reports_do_not_begin_with_far_too_little_memory() {
+    let folder = folder();
+    let command = folder.command(&["report", "bent.toml", "-o", "o.html", "--quiet", "--threads", "2"]);
+    for limit in ["60000", "75000"] {
+        let output = limited(&format!("ulimit -v {limit}"), &command).output().expect("bash starts");
+        assert_tells_of_memory(&output, limit);
+        assert!(errors(&output).contains("raise that limit"), "{}", errors(&output));
+    }
+}
+
 /// A limit is taken for the machine's memory: values that have no room in it go to the spool.
 #[test]
 fn a_limit_is_a_cap() {

@@ -12,9 +12,10 @@ use crate::field::{Field, Lattice};
 use crate::formats::vdb::{Compression, Encoder};
 use crate::march::{
     Baked, Camera, Film, Grid, Integrator, Lamp, Meaning, Medium, Optics, Picture, Procedural, Quality,
-    Shadow,
+    Shadow, phase,
 };
 use crate::num::Level;
+use crate::num::quadrature::gauss_legendre;
 use crate::report::{Pilot, Trial, rows};
 
 const GROUP: &str = "light";
@@ -118,6 +119,12 @@ pub(super) fn cases() -> Vec<Case> {
             "optical depths along it within 1e-6",
             sheared,
         ),
+        Case::new(
+            GROUP,
+            "noise in voxels and without, at every instruction set",
+            "the same picture, to the bit",
+            every_level,
+        ),
         Case::new(GROUP, "a singular grid", "refused", || {
             let rows = [[1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
             Verdict::is(Grid::from_rows(&rows).is_none(), "no map")
@@ -137,6 +144,14 @@ pub(super) fn cases() -> Vec<Case> {
             format!("an optical depth of {depth:e} a step"),
             "light that comes through, and a glow 1 - e^-depth, within 1e-5 of closed forms; of the scene 6e-4, by 0.0112 voxels at each end",
             move || both(|medium| slab(medium, depth / H)),
+        ));
+    }
+    for g in [-0.999, -0.99, 0.0, 0.9, 0.999, 1.0 - 1e-9] {
+        cases.push(Case::new(
+            GROUP,
+            format!("the phase function of a mean cosine of {g:?}"),
+            "an integral of 1 over the sphere, and its mean cosine, within 1e-10: quadrature on rings that halve towards the peak",
+            move || phase_function(g),
         ));
     }
     for g in [-0.999, 0.0, 0.999] {
@@ -174,14 +189,18 @@ fn along_axis() -> Camera {
 }
 
 fn shoot(medium: &Medium<'_>, camera: Camera, optics: &Optics) -> Film {
-    let quality = Quality {
-        size: [PIXELS; 2],
-        samples: 1,
-        cutoff: 0.0,
-        shadow: Shadow::Exact,
-        integrator: Integrator::Single,
-    };
-    let mut picture = Picture::new(medium, camera, optics, quality, Level::best());
+    shoot_at(medium, camera, optics, Integrator::Single, Level::best())
+}
+
+fn shoot_at(
+    medium: &Medium<'_>,
+    camera: Camera,
+    optics: &Optics,
+    integrator: Integrator,
+    level: Level,
+) -> Film {
+    let quality = Quality { size: [PIXELS; 2], samples: 1, cutoff: 0.0, shadow: Shadow::Exact, integrator };
+    let mut picture = Picture::new(medium, camera, optics, quality, level);
     picture.sample(|_| true);
     picture.film().clone()
 }
@@ -269,6 +288,70 @@ fn towards_the_sun(medium: &Medium<'_>, g: f64) -> Verdict {
     let phase = (1.0 + g) / (4.0 * PI * (1.0 - g) * (1.0 - g));
     let expected = phase * depth * libm::exp(-depth);
     Verdict::at_most(1e-3, (film.radiance[0][0] - expected).abs() / expected)
+}
+
+/// The function over the whole sphere.
+fn phase_function(g: f64) -> Verdict {
+    let nodes = gauss_legendre(16);
+    let (mut sum, mut mean) = (0.0, 0.0);
+    // In y = 1 - |cos| from the peak's side, in rings from 2 down to 2^-110; what is left holds no more than 2^-110 / (1 - g)^2.
+    let peak = if g < 0.0 { DVec3::NEG_Z } else { DVec3::Z };
+    for ring in 0..111 {
+        let outer = 2.0 * libm::exp2(-f64::from(ring));
+        for [x, weight] in &nodes {
+            let y = 0.5 * outer * (1.0 + x);
+            let to = peak * (1.0 - y) + DVec3::X * (y * (2.0 - y)).sqrt();
+            let part = 2.0 * PI * phase(g, DVec3::Z, to) * 0.5 * outer * weight;
+            sum += part;
+            mean += part * to.z;
+        }
+    }
+    let [whole, cosine] =
+        [Verdict::at_most(1e-10, (sum - 1.0).abs()), Verdict::at_most(1e-10, (mean - g).abs())];
+    Verdict::all([whole.of("the integral"), cosine.of("the mean cosine")])
+}
+
+/// Pictures by the lanes of every level that the processor has.
+fn every_level() -> Verdict {
+    let text = quadratic(&BENT, &format!("radius = 0.4\n{NOISE}"));
+    let found = scene(&text).and_then(|scene| {
+        let field = Field::compile(&scene);
+        let procedural = Procedural::new(&field, Lattice { voxel_size: H }, 1.0, BUDGET);
+        let procedural = Medium::Procedural(procedural.map_err(|error| error.to_string())?);
+        let trial = voxels(&text)?;
+        let grid = Grid::from_rows(&rows(Lattice { voxel_size: H })).ok_or("no map")?;
+        let baked =
+            Baked::new(&trial.tree, grid, Meaning::Density, BUDGET).map_err(|error| error.to_string())?;
+        let sun = Lamp::Sun { direction: DVec3::NEG_Z, irradiance: DVec3::ONE };
+        let mut pictures = 0;
+        for medium in [&procedural, &Medium::Baked(baked)] {
+            for extinction in [1e-3, 5.0, 1e6] {
+                for integrator in [Integrator::Single, Integrator::Path { seed: 1 }] {
+                    let optics = Optics { albedo: DVec3::splat(0.8), lamps: vec![sun], ..optics(extinction) };
+                    let camera = looking(DVec3::new(-4.0, 0.1, 0.1), DVec3::X);
+                    let film = |level| shoot_at(medium, camera, &optics, integrator, level);
+                    let best = film(Level::best());
+                    for level in Level::all() {
+                        let bits = |film: &Film| {
+                            let values = film.depth.iter().chain(&film.transmittance);
+                            let values = values.chain(film.radiance.iter().flatten());
+                            values.map(|x| x.to_bits()).collect::<Vec<_>>()
+                        };
+                        if bits(&film(level)) != bits(&best) {
+                            return Err(format!(
+                                "{} and {} draw other bits",
+                                level.name(),
+                                Level::best().name()
+                            ));
+                        }
+                        pictures += 1;
+                    }
+                }
+            }
+        }
+        Ok(Verdict::is(pictures > 0, format!("{pictures} pictures are alike")))
+    });
+    found.unwrap_or_else(Verdict::failed)
 }
 
 fn chord(medium: &Medium<'_>, x: f64) -> Verdict {

@@ -1,9 +1,11 @@
 //! The cases, by what they are about.
 
 mod curves;
+mod frames;
 mod input;
 mod light;
 mod noise;
+mod order;
 mod radii;
 mod space;
 mod storage;
@@ -17,6 +19,8 @@ pub(super) use light::stiffness;
 pub(super) fn all() -> Vec<Case> {
     let groups = [
         curves::cases(),
+        frames::cases(),
+        order::cases(),
         radii::cases(),
         space::cases(),
         noise::cases(),
