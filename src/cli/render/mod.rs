@@ -52,8 +52,8 @@ pub(super) struct Arguments {
     /// Extinguish light only: no light is scattered or emitted
     #[arg(long)]
     absorption_only: bool,
-    /// Of a scene: voxels between two steps along a ray, at most. Of a file: so many voxels along each axis are drawn as one, 1, 2, 4
-    /// or 8: each doubling takes about half of the time [default: 1]
+    /// Of a scene: voxels between two steps along a ray, at most. Of a file: 1, 2, 4 or 8, so many voxels along each axis are drawn
+    /// as one, and what is smaller is smeared over them; it saves time where voxels are no larger than pixels [default: 1]
     #[arg(long, value_name = "VOXELS", value_parser = step, allow_hyphen_values = true)]
     step: Option<f64>,
     /// Of a scene: what steps do. `gauss` takes two samples a step and divides it where it is dense; `midpoint` one, in its
