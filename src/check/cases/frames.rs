@@ -59,7 +59,7 @@ pub(super) fn cases() -> Vec<Case> {
         Case::new(
             GROUP,
             "noise around a lap that turns",
-            "the definition within 4e-6 of the peak: single precision under three octaves of noise",
+            "the definition within 2e-5 of the peak, beside corners",
             || {
                 let points = edges();
                 let chain: Vec<[f64; 3]> = (0..4)
