@@ -164,6 +164,8 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     if !is_size || !ANY.admits(recipe.time) {
         return Err(damaged("settings"));
     }
+    text("vdbake_scene")?;
+    optional("vdbake_inputs")?;
     let scene =
         embedded::scene(&metadata, path, arguments.inputs.as_deref(), Amount::settle(arguments.memory))?;
     let scene = scene.ok_or_else(|| foreign(path, "vdbake_scene", &creator))?.at(recipe.time)?;

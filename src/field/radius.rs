@@ -104,9 +104,10 @@ mod tests {
             assert!(widened >= own && (own < 3.0 || widened == own));
             before = widened;
         }
-        assert!(!radius.widen(1.0) && radius.is_widened());
-        assert!(radius.widen(1e-9) && radius.is_widened());
         assert_eq!(radius.at(0.0), WIDENED);
+        assert!(!radius.widen(1.0) && radius.is_widened());
+        assert!(radius.widen(0.5) && radius.is_widened());
+        assert_eq!(radius.at(0.0), 0.5 * WIDENED);
         assert!(!Radius::new(&Profile::constant(3.0).expect("a radius")).widen(1.0));
     }
 }

@@ -121,7 +121,7 @@ pub fn page(
     }
     sections.extend(paper(report));
     sections.extend(more);
-    sections.push(Section::new("All figures", tables(report)));
+    sections.push(Section::new("All figures", tables(report, file)));
     sections.push(Section::new("How it was measured", method(report)));
     let title = format!("{}: error against run time", report.scene);
     let lead = "What each accuracy costs: a bake's error against the density that the scene defines.";
@@ -230,7 +230,6 @@ fn fronts(report: &Report, file: &str) -> Markup {
         rows.sort_by(|a, b| a.1.total_cmp(&b.1));
         rows
     };
-    let named = |command: &str| command.replacen("SCENE", &words::quoted(file), 1);
     let kinds = [(Kind::Bake, "Bakes"), (Kind::Picture, "Pictures")].map(|(kind, name)| (name, front(kind)));
     html! {
         @for (name, rows) in kinds.iter().filter(|(_, rows)| !rows.is_empty()) {
@@ -242,11 +241,16 @@ fn fronts(report: &Report, file: &str) -> Markup {
                     td { (row.cost.total.map_or_else(String::new, |total| words::seconds(total.median))) }
                     td { (row.cost.bytes.map_or_else(String::new, bytes_of)) }
                     td.label { (row.label) }
-                    td.wide { code { (whole_options(&row.command.as_deref().map_or_else(String::new, named))) } }
+                    td.wide { code { (whole_options(&command(row, file).unwrap_or_default())) } }
                 } } }
             } }
         }
     }
+}
+
+/// The command that makes a row, of a scene that was read from `file`.
+fn command(row: &Row, file: &str) -> Option<String> {
+    row.command.as_ref().map(|command| command.replacen("SCENE", &words::quoted(file), 1))
 }
 
 /// A command whose lines break between its options.
@@ -364,7 +368,7 @@ fn compressed(size: [usize; 2], pixels: &[[u8; 3]]) -> Result<Vec<u8>, PageError
 }
 
 /// Every row, in tables of one group each.
-fn tables(report: &Report) -> Markup {
+fn tables(report: &Report, file: &str) -> Markup {
     let mut groups: Vec<(Kind, &str)> = Vec::new();
     for row in &report.rows {
         if !groups.contains(&(row.kind, row.group)) {
@@ -375,7 +379,7 @@ fn tables(report: &Report) -> Markup {
         @for (kind, group) in &groups {
             details open {
                 summary { (group) @if *kind == Kind::Picture { " (pictures)" } }
-                div.scroll { (table(*kind, &of_group(report, *kind, group))) }
+                div.scroll { (table(*kind, &of_group(report, *kind, group), file)) }
             }
         }
     }
@@ -391,7 +395,7 @@ fn of_group<'a>(report: &'a Report, kind: Kind, group: &str) -> Vec<&'a Row> {
     rows
 }
 
-fn table(kind: Kind, rows: &[&Row]) -> Markup {
+fn table(kind: Kind, rows: &[&Row], file: &str) -> Markup {
     let cell = |text: Option<String>| html! { td { (text.unwrap_or_else(|| "\u{2013}".to_owned())) } };
     let part = |x: Option<f64>| x.map(words::part);
     html! {
@@ -411,7 +415,7 @@ fn table(kind: Kind, rows: &[&Row]) -> Markup {
             tbody {
                 @for row in rows {
                     tr.front[row.on_front] {
-                        th scope="row" title=[row.command.as_deref()] { (row.label) }
+                        th scope="row" title=[command(row, file)] { (row.label) }
                         (cell(Some(words::metres(row.settings.voxel_size))))
                         @if kind == Kind::Bake {
                             @let errors = row.field.as_ref().map(|field| field.errors);
