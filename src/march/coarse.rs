@@ -111,7 +111,7 @@ fn restrict(v: [f32; 8]) -> [f32; POINTS] {
 mod tests {
     use super::*;
     use crate::march::Medium;
-    use crate::march::testing::{baked, patchy, rough};
+    use crate::march::testing::{H, baked, patchy, rough};
 
     /// Mass, and mass times place along each axis in cells of the edge `cell`.
     fn moments(baked: &Baked, cell: f64) -> [f64; 4] {
@@ -146,7 +146,8 @@ mod tests {
                     "{found}, not {fine}"
                 );
             }
-            assert!(coarse.grid.cell() > 0.0);
+            // Powers of two are exact.
+            assert_eq!(coarse.grid.cell(), H * f64::from(1 << times));
         }
     }
 
