@@ -2,8 +2,8 @@
 
 use super::narrow::Block;
 use super::pattern::{Fractal, Octave, Perlin};
-use super::region::{self, LayerKind, Region, Sum, round};
-use super::tube::Tube;
+use super::region::{self, Layer, LayerKind, Region, Sum, round};
+use super::tube::{self, Tube};
 use crate::noise::{self, BAND, band_weight};
 use crate::num::Scalar;
 use crate::scene::Space;
@@ -31,13 +31,39 @@ pub(super) struct Place {
     pub(super) s: [f64; 2],
     /// The arc length that heights are taken from.
     pub(super) origin: f64,
+    /// Bounds of how far its voxels are from the axis, metres: the lower may be negative.
+    pub(super) away: [f64; 2],
     pub(super) block: Block,
     pub(super) octave_fade: bool,
 }
 
 impl Place {
+    /// The tube's layers there, and whether octaves fade and world coordinates are needed.
+    pub(super) fn layers<T: Scalar>(&self, tube: &Tube, region: &mut Region<T>) -> ([usize; 2], [bool; 2]) {
+        let first = region.layers.len();
+        let (mut fades, mut in_world) = (false, false);
+        for layer in &tube.layers {
+            let kind = match &layer.kind {
+                tube::LayerKind::Constant(value) => LayerKind::Constant(T::from_f64(*value)),
+                tube::LayerKind::Sectors => LayerKind::Sectors,
+                tube::LayerKind::Perlin(perlin) => {
+                    let kind = self.perlin(tube, perlin, region, &mut fades);
+                    in_world |= matches!(kind, LayerKind::Perlin { in_world: true, .. });
+                    kind
+                }
+            };
+            if let (Some(threshold), LayerKind::Perlin { sums, .. }) = (layer.threshold, &kind) {
+                give_up(threshold, &region.sums[sums[1] - 1], &mut region.octaves);
+            }
+            let threshold = layer.threshold.map(T::from_f64);
+            let multiplier = T::from_f64(layer.multiplier);
+            region.layers.push(Layer { op: layer.op, kind, threshold, multiplier });
+        }
+        ([first, region.layers.len()], [fades, in_world])
+    }
+
     /// The layer there; `fades` becomes true where octaves fade from voxel to voxel.
-    pub(super) fn perlin<T: Scalar>(
+    fn perlin<T: Scalar>(
         &self,
         tube: &Tube,
         perlin: &Perlin,
@@ -70,7 +96,7 @@ impl Place {
         let rates = Rates::new(tube, sum, h);
         let band = match (self.octave_fade, space) {
             (false, _) => [0.0; 2],
-            (true, Space::Cylinder) => rates.band(tube, self.s, h),
+            (true, Space::Cylinder) => rates.band(tube, self.s, self.away, h),
             (true, Space::World) => [square_in_world(sum, h); 2],
         };
         let start = region.octaves.len();
@@ -122,7 +148,7 @@ impl Place {
 }
 
 /// Finds below which values a sum that is compared with a threshold need not be carried on.
-pub(super) fn give_up<T: Scalar>(threshold: f64, sum: &Sum<T>, octaves: &mut [region::Octave<T>]) {
+fn give_up<T: Scalar>(threshold: f64, sum: &Sum<T>, octaves: &mut [region::Octave<T>]) {
     let octaves = &mut octaves[sum.octaves[0]..sum.octaves[1]];
     let mean = sum.mean.to_f64();
     let (mut size, mut highest) = (mean.abs() + threshold.abs(), 0.0);
@@ -181,12 +207,16 @@ impl Rates {
         }
     }
 
-    /// Bounds of the square of cells per voxel over the arc lengths `s`.
-    pub(super) fn band(&self, tube: &Tube, s: [f64; 2], h: f64) -> [f64; 2] {
+    /// Bounds of the square of cells per voxel over the arc lengths `s`, at the distances `away` from the axis.
+    pub(super) fn band(&self, tube: &Tube, s: [f64; 2], away: [f64; 2], h: f64) -> [f64; 2] {
         let x = s.map(|s| s / tube.curve.length());
         let [least, most] = tube.radius.range(x);
-        let low = (self.across * h / most).max(self.along);
-        [low * low, larger_square(self.across * h / least, self.twist, self.along)]
+        // Of the radius at most, where the tube ends.
+        let out = [(away[0] / most).clamp(0.0, 1.0), (away[1] / least).min(1.0)];
+        [
+            larger_square(self.across * h / most, self.twist * out[0], self.along),
+            larger_square(self.across * h / least, self.twist * out[1], self.along),
+        ]
     }
 }
 

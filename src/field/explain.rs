@@ -98,7 +98,9 @@ impl Field {
             return [unplaced, 0];
         }
         let coarsest = match space {
-            Space::Cylinder => Rates::new(tube, sum, h).band(tube, [0.0, tube.curve.length()], h)[0],
+            Space::Cylinder => {
+                Rates::new(tube, sum, h).band(tube, [0.0, tube.curve.length()], [0.0, f64::INFINITY], h)[0]
+            }
             Space::World => square_in_world(sum, h),
         };
         let is_faded = |octave: &&Octave| coarsest * octave.finer >= BAND[1];

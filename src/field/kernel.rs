@@ -229,13 +229,12 @@ pub(super) fn first_rows(count: usize) -> u64 {
 /// Lanes of the batches that have voxels of these rows.
 #[inline(always)]
 fn lanes_of<R: Real>(rows: u64) -> u64 {
-    let mut lanes = 0;
-    for index in (0..VOXELS).step_by(R::LANES) {
-        if holds::<R>(rows, index) {
-            lanes += R::LANES as u64;
-        }
+    let mut batches = rows;
+    if R::LANES > EDGE {
+        // A batch is a pair of rows.
+        batches = (rows | rows >> 1) & 0x5555_5555_5555_5555;
     }
-    lanes
+    u64::from(batches.count_ones()) * R::LANES.max(EDGE) as u64
 }
 
 /// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the rows `near` only.

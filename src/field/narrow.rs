@@ -5,13 +5,11 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::cover::{Capsule, Reach, support};
-use super::detail::{Place, give_up};
-use super::near::Near;
-use super::region::{
-    self, FOOT, Layer, LayerKind, Part, Piece, ROWS, Region, SECOND, Search, Twist, U, V, round,
-};
+use super::detail::Place;
+use super::near::{Near, SLACK};
+use super::region::{self, FOOT, Part, Piece, ROWS, Region, SECOND, Search, Twist, U, V, round};
 use super::span::Span;
-use super::tube::{self, CORNER, PointKind, Tube};
+use super::tube::{CORNER, PointKind, Tube};
 use super::{EDGE, Extent, Field, Lattice};
 use crate::curve::Segment;
 use crate::num::Scalar;
@@ -70,6 +68,16 @@ pub(super) struct Block {
     pub(super) h: f64,
     /// Half the edge of its extent.
     pub(super) half_edge: f64,
+}
+
+impl Block {
+    /// Bounds of how far its voxels are from a place, metres, with what single precision may make of it.
+    fn distances(&self, place: DVec3) -> [f64; 2] {
+        let from = (place - self.centre).abs();
+        let half = DVec3::splat(self.half_edge);
+        let slack = SLACK * self.h;
+        [(from - half).max(DVec3::ZERO).length() - slack, (from + half).length() + slack]
+    }
 }
 
 impl Field {
@@ -305,7 +313,16 @@ impl Field {
                 _ => 1.0 + margin,
             },
         ];
-        let (layers, [fades, in_world]) = self.layers(tube, s, arc_middle, block, region);
+        let mut away = block.distances(position[0]);
+        // How far from its middle the piece reaches, and a little past its ends.
+        let strays = 1.05 * (position[1].length() + position[2].length() + position[3].length());
+        away[0] -= strays;
+        if !interval.certified {
+            // The foot need not be the nearest place of the piece.
+            away[1] += strays;
+        }
+        let place = Place { s, origin: arc_middle, away, block, octave_fade: self.octave_fade };
+        let (layers, [fades, in_world]) = place.layers(tube, region);
         region.parts.push(Part {
             arc: arc_middle,
             ends: Some([(segment, interval.t[0]), (segment, interval.t[1])]),
@@ -397,7 +414,10 @@ impl Field {
         for (k, value) in turn.into_iter().enumerate() {
             base[U + 1 + k] = value;
         }
-        let (layers, [fades, in_world]) = self.layers(tube, [section.arc; 2], section.arc, block, region);
+        let away = block.distances(section.centre);
+        let place =
+            Place { s: [section.arc; 2], origin: section.arc, away, block, octave_fade: self.octave_fade };
+        let (layers, [fades, in_world]) = place.layers(tube, region);
         region.parts.push(Part { arc: section.arc, ends: None, certified: true });
         let gain = (section.gain != 1.0).then(|| {
             let mut gain = [0.0; TERMS];
@@ -430,43 +450,6 @@ impl Field {
             fades,
             in_world,
         });
-    }
-
-    /// The tube's layers for feet whose arc length lies in `s`, with heights taken from that of `origin`, and whether
-    /// octaves fade and world coordinates are needed.
-    pub(super) fn layers<T: Scalar>(
-        &self,
-        tube: &Tube,
-        s: [f64; 2],
-        origin: f64,
-        block: Block,
-        region: &mut Region<T>,
-    ) -> ([usize; 2], [bool; 2]) {
-        let first = region.layers.len();
-        let (mut fades, mut in_world) = (false, false);
-        for layer in &tube.layers {
-            let kind = match &layer.kind {
-                tube::LayerKind::Constant(value) => LayerKind::Constant(T::from_f64(*value)),
-                tube::LayerKind::Sectors => LayerKind::Sectors,
-                tube::LayerKind::Perlin(perlin) => {
-                    let place = Place { s, origin, block, octave_fade: self.octave_fade };
-                    let kind = place.perlin(tube, perlin, region, &mut fades);
-                    in_world |= matches!(kind, LayerKind::Perlin { in_world: true, .. });
-                    kind
-                }
-            };
-            if let (Some(threshold), LayerKind::Perlin { sums, .. }) = (layer.threshold, &kind) {
-                give_up(threshold, &region.sums[sums[1] - 1], &mut region.octaves);
-            }
-            let threshold = layer.threshold.map(T::from_f64);
-            region.layers.push(Layer {
-                op: layer.op,
-                kind,
-                threshold,
-                multiplier: T::from_f64(layer.multiplier),
-            });
-        }
-        ([first, region.layers.len()], [fades, in_world])
     }
 }
 

@@ -10,6 +10,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
+use super::detail::Place;
 use super::kernel::{self, Scratch};
 use super::layers;
 use super::narrow::Block;
@@ -244,7 +245,14 @@ impl Field {
         region.sums.clear();
         region.octaves.clear();
         let block = Block { centre: slice.centre, h: lattice.voxel_size, half_edge: 0.0 };
-        self.layers(&self.tubes[slice.tube], [slice.arc; 2], slice.arc, block, region);
+        let place = Place {
+            s: [slice.arc; 2],
+            origin: slice.arc,
+            away: [0.0, f64::INFINITY],
+            block,
+            octave_fade: self.octave_fade,
+        };
+        place.layers(&self.tubes[slice.tube], region);
     }
 }
 

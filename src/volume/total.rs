@@ -21,14 +21,26 @@ impl Total {
     /// Adds the values of a brick.
     pub(super) fn add_brick(&mut self, brick: &Brick) {
         let [x, y, z] = brick.origin.map(class);
-        for (row, values) in brick.values.chunks_exact(EDGE).enumerate() {
-            let mut along = [0.0; PARTS];
-            for (k, &value) in values.iter().enumerate() {
-                along[k % PARTS] += f64::from(value);
+        let rows = brick.values.as_chunks::<EDGE>().0;
+        for across in 0..PARTS {
+            // Of the voxels whose x and y, from the brick's first, are of two classes: a sum for each z.
+            let mut columns = [[0.0; EDGE]; PARTS];
+            for row in 0..EDGE {
+                let mut sums = [0.0; EDGE];
+                for plane in (across..EDGE).step_by(PARTS) {
+                    for (sum, value) in sums.iter_mut().zip(rows[EDGE * plane + row]) {
+                        *sum += f64::from(value);
+                    }
+                }
+                for (column, sum) in columns[row % PARTS].iter_mut().zip(sums) {
+                    *column += sum;
+                }
             }
-            let first = PARTS * (PARTS * ((x + row / EDGE) % PARTS) + (y + row % EDGE) % PARTS);
-            for (k, sum) in along.iter().enumerate() {
-                self.classes[first + (z + k) % PARTS] += sum;
+            for (n, column) in columns.iter().enumerate() {
+                let first = PARTS * (PARTS * ((x + across) % PARTS) + (y + n) % PARTS);
+                for (k, sum) in column.iter().enumerate() {
+                    self.classes[first + (z + k) % PARTS] += sum;
+                }
             }
         }
     }

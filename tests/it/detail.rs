@@ -67,6 +67,20 @@ fn every_option_agrees_with_the_reference() {
     }
 }
 
+/// Where a tube twists much, octaves fade outwards from its axis: whole ones are left out far from it, and none is where it is near.
+#[test]
+fn octaves_that_fade_outwards_agree_with_the_reference() {
+    for (twist, radius) in [(5.0, "0.3"), (12.0, "0.3"), (12.0, "[[0, 0.05], [1, 0.35]]")] {
+        let text = format!(
+            "[[tube]]\ncurve = {BENT}\nradius = {radius}\ntwist = {twist}\n\
+             [[tube.layer]]\nop = \"add\"\nfrequency = [2.0, 2.5, 4.0]\noctaves = 6\ngain = 0.8\nform = \"ridged\"\n"
+        );
+        for resolution in [40.0, 90.0, 200.0] {
+            assert_close(&format!("twist {twist}"), &scene(&text), resolution, 0.0);
+        }
+    }
+}
+
 /// The same on closed tubes, where patterns run around.
 #[test]
 fn every_option_agrees_with_the_reference_around_a_loop() {
