@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::baked::Baked;
 use super::bins::Bins;
 use super::grid::{Bricks, Grid};
+use super::planes::Planes;
 use super::procedural::{Procedural, Worker};
 use super::rays::{Hits, Rays};
 use super::shade::{Lit, Wanted};
@@ -25,6 +26,7 @@ pub(super) struct Brick<'a> {
 pub(super) struct Way {
     pub(super) rays: Rays,
     pub(super) hits: Hits,
+    pub(super) planes: Planes,
 }
 
 /// What light goes through: density in bricks of 8^3 cells of a grid, each with one of two kinds of density.
@@ -58,9 +60,7 @@ impl Medium<'_> {
     #[must_use]
     pub fn coarser(&self, times: u32) -> Option<Medium<'static>> {
         let Medium::Baked(baked) = self else { return None };
-        (0..times)
-            .fold(None, |coarse: Option<Baked>, _| Some(coarse.as_ref().unwrap_or(baked).halved()))
-            .map(Medium::Baked)
+        (times > 0).then(|| Medium::Baked(baked.coarser(times)))
     }
 
     /// Of a scene: [`Procedural::places`].
@@ -85,9 +85,10 @@ impl Medium<'_> {
     }
 
     /// Gets ready to carry a tile's new rays.
-    pub(super) fn begin(&self, rays: &Rays, worker: &mut Worker) {
-        if let Medium::Procedural(procedural) = self {
-            procedural.begin(rays, worker);
+    pub(super) fn begin(&self, way: &mut Way, wanted: &Wanted, worker: &mut Worker) {
+        match self {
+            Medium::Baked(baked) => baked.begin(way, wanted),
+            Medium::Procedural(procedural) => procedural.begin(&way.rays, worker),
         }
     }
 

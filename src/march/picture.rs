@@ -1,6 +1,6 @@
 //! Pictures: rays through all pixels, tile by tile.
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -115,6 +115,49 @@ impl Film {
 }
 
 impl Film {
+    /// Adds what a sample's tiles found, of which those without pixels saw nothing; squares only if they are `whole`.
+    fn add(&mut self, found: &[Vec<Pixel>], columns: usize, is_clear: bool, whole: bool) {
+        let width = self.size[0];
+        let band = TILE * width;
+        let is_first = self.samples == 0;
+        let light = self.radiance.par_chunks_mut(band).zip(self.transmittance.par_chunks_mut(band));
+        let way = self.depth.par_chunks_mut(band).zip(self.half.par_chunks_mut(band));
+        let bands = light.zip(way).zip(found.par_chunks(columns));
+        bands.for_each(|(((radiance, transmittance), (depth, half)), tiles)| {
+            for (tile, pixels) in tiles.iter().enumerate() {
+                let left = tile * TILE;
+                for row in 0..radiance.len() / width {
+                    let places = row * width + left..row * width + width.min(left + TILE);
+                    if pixels.is_empty() {
+                        transmittance[places].iter_mut().for_each(|sum| *sum += 1.0);
+                        continue;
+                    }
+                    for (at, pixel) in places.zip(&pixels[row * TILE..]) {
+                        for (sum, colour) in radiance[at].iter_mut().zip(pixel.radiance.to_array()) {
+                            *sum += colour;
+                        }
+                        let seen = if is_clear { 0.0 } else { pixel.depth };
+                        transmittance[at] += libm::exp(-seen);
+                        depth[at] += seen;
+                        if is_first {
+                            half[at] = pixel.half;
+                        }
+                    }
+                }
+            }
+        });
+        let Some(squares) = self.squares.as_mut().filter(|_| whole) else { return };
+        for (tile, pixels) in found.iter().enumerate() {
+            for (number, pixel) in pixels.iter().enumerate() {
+                let x = tile % columns * TILE + number % TILE;
+                let y = tile / columns * TILE + number / TILE;
+                if x < width && y < self.size[1] {
+                    squares[y * width + x] += pixel.radiance.dot(LUMINANCE) * pixel.radiance.dot(LUMINANCE);
+                }
+            }
+        }
+    }
+
     /// Of random paths: the standard error of each pixel's luminance, by the spread of its samples; `None` too before the second,
     /// since one has no spread.
     pub fn errors(&self) -> Option<Vec<f64>> {
@@ -227,16 +270,24 @@ impl<'a> Picture<'a> {
         let at = jitter(self.film.samples);
         let deepest = (-libm::log(self.quality.cutoff)).min(DARK);
         let wanted = Wanted { deepest, extinction: self.optics.extinction };
+        let idle: Mutex<Vec<Box<(Way, Worker)>>> = Mutex::default();
         let found: Option<Vec<Vec<Pixel>>> = (0..self.tiles.count())
             .into_par_iter()
             .with_max_len(1)
-            .map_init(
-                || (Way::default(), Worker::default()),
-                |(way, worker), tile| {
+            .map(|tile| {
+                let pixels = if self.tiles.seen(tile).is_empty() {
+                    Vec::new()
+                } else {
+                    let mut memory = idle.lock().ok().and_then(|mut idle| idle.pop()).unwrap_or_default();
+                    let (way, worker) = &mut *memory;
                     let pixels = self.tile(tile, at, &wanted, way, worker);
-                    done(usize::from(self.tracer.is_none())).then_some(pixels)
-                },
-            )
+                    if let Ok(mut idle) = idle.lock() {
+                        idle.push(memory);
+                    }
+                    pixels
+                };
+                done(usize::from(self.tracer.is_none())).then_some(pixels)
+            })
             .collect();
         let Some(found) = found else { return false };
         let traced = match &self.tracer {
@@ -249,29 +300,7 @@ impl<'a> Picture<'a> {
             }
             None => None,
         };
-        let first = self.film.samples == 0;
-        for (tile, pixels) in found.into_iter().enumerate() {
-            let corner = self.tiles.corner(tile);
-            for (number, pixel) in pixels.into_iter().enumerate() {
-                let [x, y] = [corner[0] + number % TILE, corner[1] + number / TILE];
-                if x >= self.film.size[0] || y >= self.film.size[1] {
-                    continue;
-                }
-                let at = y * self.film.size[0] + x;
-                for (sum, colour) in self.film.radiance[at].iter_mut().zip(pixel.radiance.to_array()) {
-                    *sum += colour;
-                }
-                let depth = if self.optics.is_clear { 0.0 } else { pixel.depth };
-                self.film.transmittance[at] += libm::exp(-depth);
-                self.film.depth[at] += depth;
-                if let (Some(squares), None) = (&mut self.film.squares, &traced) {
-                    squares[at] += pixel.radiance.dot(LUMINANCE) * pixel.radiance.dot(LUMINANCE);
-                }
-                if first {
-                    self.film.half[at] = pixel.half;
-                }
-            }
-        }
+        self.film.add(&found, self.tiles.columns, self.optics.is_clear, traced.is_none());
         if let Some(found) = traced {
             for (sum, found) in self.film.radiance.iter_mut().zip(&found) {
                 *sum = (DVec3::from(*sum) + *found).to_array();
@@ -328,14 +357,11 @@ impl<'a> Picture<'a> {
         worker: &mut Worker,
     ) -> Vec<Pixel> {
         let seen = self.tiles.seen(tile);
-        if seen.is_empty() {
-            return vec![Pixel::default(); RAYS];
-        }
         let grid = self.medium.grid();
         let optics = self.seen_by_rays();
         let caster = Caster { medium: self.medium, optics, level: self.level };
-        way.rays.begin(grid, self.tiles.rays(tile, &self.camera, at));
-        self.medium.begin(&way.rays, worker);
+        way.rays.begin(grid, optics.lamps.len(), self.tiles.rays(tile, &self.camera, at));
+        self.medium.begin(way, wanted, worker);
         for seen in seen {
             if way.rays.is_done() {
                 break;
@@ -344,7 +370,7 @@ impl<'a> Picture<'a> {
             let block = self.medium.bricks().blocks[number];
             let table: &[f32] = match &self.shadows {
                 Some(shadows) if !optics.lamps.is_empty() => {
-                    self.tables[number].get_or_init(|| shadows.table(grid, block, self.level))
+                    self.tables[number].get_or_init(|| shadows.table(grid, number, block, self.level))
                 }
                 _ => &self.unshadowed,
             };
@@ -360,12 +386,11 @@ impl<'a> Picture<'a> {
         }
         let uniform = optics.uniform_source();
         let rays = &way.rays;
-        let ahead = self.tiles.rays(tile, &self.camera, at);
-        ahead
-            .enumerate()
-            .map(|(ray, of)| {
-                let Some(of) = of else { return Pixel::default() };
+        (0..RAYS)
+            .map(|ray| {
                 let depth = rays.depth[ray];
+                let of = if depth > 0.0 { self.tiles.ray(tile, ray, &self.camera, at) } else { None };
+                let Some(of) = of else { return Pixel::default() };
                 let mut radiance = uniform * -libm::expm1(-depth);
                 for (lamp, light) in optics.lamps.iter().zip(&rays.light) {
                     let towards = match lamp {
@@ -404,11 +429,13 @@ impl Tiles {
 
     /// The rays of a tile's pixels, in rows; of those beyond the picture's border there are none.
     pub(super) fn rays(&self, tile: usize, camera: &Camera, at: DVec2) -> impl Iterator<Item = Option<Ray>> {
+        (0..RAYS).map(move |number| self.ray(tile, number, camera, at))
+    }
+
+    fn ray(&self, tile: usize, number: usize, camera: &Camera, at: DVec2) -> Option<Ray> {
         let corner = self.corner(tile);
-        (0..RAYS).map(move |number| {
-            let pixel = [corner[0] + number % TILE, corner[1] + number / TILE];
-            let is_inside = pixel[0] < self.size[0] && pixel[1] < self.size[1];
-            is_inside.then(|| camera.ray(self.place(pixel, at)))
-        })
+        let pixel = [corner[0] + number % TILE, corner[1] + number / TILE];
+        let is_inside = pixel[0] < self.size[0] && pixel[1] < self.size[1];
+        is_inside.then(|| camera.ray(self.place(pixel, at)))
     }
 }

@@ -318,7 +318,7 @@ impl WithLevel for Find<'_> {
     type Output = ();
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        let Way { rays, hits } = self.way;
+        let Way { rays, hits, .. } = self.way;
         hits.find::<R>(token, rays, self.brick.block, self.brick.seen);
         if let Some(near) = self.near {
             near.clip::<R>(token, hits);
@@ -356,7 +356,7 @@ impl WithLevel for SetPieces<'_> {
     type Output = Option<usize>;
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Option<usize> {
-        let Pieces { brick, way: Way { rays, hits }, bins, worker, first, done } = self.0;
+        let Pieces { brick, way: Way { rays, hits, .. }, bins, worker, first, done } = self.0;
         let group = Group::<R>::new(token, rays, hits, first, brick.wanted);
         let mut parts = bins.parts::<R>(token, hits, first, &group);
         let middle = R::constant(token, 0.5 * f64::from(EDGE));
@@ -384,7 +384,7 @@ impl WithLevel for AddPieces<'_> {
     type Output = ();
     #[inline(always)]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        let Pieces { brick, way: Way { rays, hits }, bins, worker, first, done } = self.0;
+        let Pieces { brick, way: Way { rays, hits, .. }, bins, worker, first, done } = self.0;
         let group = Group::<R>::new(token, rays, hits, first, brick.wanted);
         let mut parts = bins.parts::<R>(token, hits, first, &group);
         let half = R::constant(token, 0.5);

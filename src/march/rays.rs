@@ -14,7 +14,7 @@ use crate::scene::MOST_LAMPS;
 pub(super) const LANES: usize = 16;
 /// Rays of a tile.
 pub(super) const RAYS: usize = TILE * TILE;
-const GROUPS: usize = RAYS / LANES;
+pub(super) const GROUPS: usize = RAYS / LANES;
 /// Packed stores write whole lanes.
 const ROOM: usize = RAYS + LANES;
 
@@ -23,7 +23,7 @@ pub(super) struct Rays {
     pub(super) origin: [Box<[f64; RAYS]>; 3],
     pub(super) direction: [Box<[f64; RAYS]>; 3],
     /// One over each coordinate of the direction.
-    inverse: [Box<[f64; RAYS]>; 3],
+    pub(super) inverse: [Box<[f64; RAYS]>; 3],
     /// Metres for a unit of length.
     pub(super) metres: Box<[f32; RAYS]>,
     /// Those that still see something, a bit each.
@@ -36,7 +36,7 @@ pub(super) struct Rays {
     pub(super) light: [Box<[f64; RAYS]>; MOST_LAMPS],
 }
 
-fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
+pub(super) fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
     Box::new([value; N])
 }
 
@@ -57,12 +57,12 @@ impl Default for Rays {
 }
 
 impl Rays {
-    /// New rays; a pixel without is `None`.
-    pub(super) fn begin(&mut self, grid: &Grid, rays: impl Iterator<Item = Option<Ray>>) {
+    /// New rays, lit by so many lamps; a pixel without is `None`.
+    pub(super) fn begin(&mut self, grid: &Grid, lamps: usize, rays: impl Iterator<Item = Option<Ray>>) {
         self.alive = [0; GROUPS];
         self.depth.fill(0.0);
         self.half.fill(f64::INFINITY);
-        for light in &mut self.light {
+        for light in self.light.iter_mut().take(lamps) {
             light.fill(0.0);
         }
         for (number, ray) in rays.enumerate().take(RAYS) {

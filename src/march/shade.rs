@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::exact::{Towards, first_half};
 use super::grid::{EDGE, Grid};
 use super::optics::{Lamp, Optics};
+use super::planes::{FLAT, coarse_middles, middles};
 use super::rays::{Hits, LANES, Rays, single};
 use super::segment::Weights;
 use super::table::{Table, trilinear};
@@ -80,6 +81,24 @@ impl<'a> Lit<'a> {
 }
 
 impl Lit<'_> {
+    /// Whether a lamp is near, so that its light changes with the distance.
+    pub(super) fn has_points(&self) -> bool {
+        self.points.iter().any(Option::is_some)
+    }
+
+    /// The optical depth towards a lamp in the middles of cells along an axis: see [`middles`].
+    #[inline(always)]
+    pub(super) fn middles(&self, lamp: usize, axis: usize, flat: &mut [f32; FLAT]) {
+        let table = self.shadows[lamp];
+        if let Ok(table) = table.try_into() {
+            middles(table, axis, flat);
+        } else if let Ok(table) = table.try_into() {
+            coarse_middles(table, axis, flat);
+        } else {
+            flat.fill(0.0);
+        }
+    }
+
     /// Whether shadows are kept for every cell.
     #[inline(always)]
     pub(super) fn is_fine(&self) -> bool {

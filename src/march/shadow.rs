@@ -6,6 +6,7 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use super::baked::Sampling;
 use super::bins::Bins;
 use super::camera::Camera;
 use super::grid::Grid;
@@ -14,9 +15,12 @@ use super::optics::{Lamp, Optics};
 use super::procedural::Worker;
 use super::rays::{RAYS, single};
 use super::shade::{COARSE, FINE, Lit, Wanted};
+use super::sweep::{Swept, sweep};
 use super::tiles::{TILE, Tiles};
 use crate::num::{Level, Real, WithLevel, with_level};
 
+/// Cells between rays where shadows of suns can be swept.
+const SECOND: f64 = 2.0;
 /// Rays along an edge of a map at most.
 const MOST_RAYS: f64 = 4096.0;
 /// Depths that a map keeps, about, at most.
@@ -39,10 +43,13 @@ struct Map {
     depths: Vec<f32>,
 }
 
-/// All maps of a lamp: one of a sun, up to six of a point.
+/// What is kept of a lamp.
 #[derive(Debug)]
-struct Shadow {
-    maps: Vec<Map>,
+enum Shadow {
+    /// One map of a sun, up to six of a point.
+    Maps(Vec<Map>),
+    /// What a sun's rays leave in every brick.
+    Swept(Swept),
 }
 
 /// The shadows of all lamps.
@@ -59,23 +66,31 @@ impl Shadows {
         // Rays pass all cells, and what is between them and some beside them counts too.
         #[allow(clippy::cast_precision_loss, reason = "a bound")]
         let depths = 1.5 * 512.0 * medium.brick_count() as f64 / (pitch * pitch * pitch);
+        let is_second = pitch == SECOND;
         let pitch = pitch * libm::cbrt((depths / MOST_DEPTHS).max(1.0));
         let lamps = optics
             .lamps
             .iter()
             .map(|lamp| {
+                if let (Medium::Baked(baked), Lamp::Sun { direction, .. }) = (medium, lamp)
+                    && baked.sampling == Sampling::Planes
+                    && is_second
+                    && let Some(swept) = sweep(baked, *direction, optics.extinction, level)
+                {
+                    return Shadow::Swept(swept);
+                }
                 let cameras = cameras(lamp, medium.grid(), medium.bricks().bounds(), pitch);
                 let map = |(camera, rays, step, pieces)| {
                     Map::new(medium, camera, rays, step, pieces, optics.extinction, level)
                 };
-                Shadow { maps: cameras.into_iter().map(map).collect() }
+                Shadow::Maps(cameras.into_iter().map(map).collect())
             })
             .collect();
         Shadows { lamps, edge: if pitch < 2.0 { FINE } else { COARSE } }
     }
 
     /// The optical depths towards each lamp at the points of a brick's table.
-    pub(super) fn table(&self, grid: &Grid, block: [i32; 3], level: Level) -> Box<[f32]> {
+    pub(super) fn table(&self, grid: &Grid, number: usize, block: [i32; 3], level: Level) -> Box<[f32]> {
         let edge = 8.0;
         let corner = DVec3::from(block.map(|c| f64::from(c) * edge));
         let first = grid.to_world(corner);
@@ -85,7 +100,14 @@ impl Shadows {
         let points = self.edge * self.edge * self.edge;
         let mut table = vec![0.0; points * self.lamps.len()];
         for (lamp, table) in self.lamps.iter().zip(table.chunks_exact_mut(points)) {
-            fill(level, Fill { lamp, first, steps, edge: self.edge, table });
+            match lamp {
+                Shadow::Maps(maps) => fill(level, Fill { maps, first, steps, edge: self.edge, table }),
+                Shadow::Swept(swept) => {
+                    if let Ok(table) = table.try_into() {
+                        swept.table(number, block, table);
+                    }
+                }
+            }
         }
         table.into()
     }
@@ -93,7 +115,7 @@ impl Shadows {
 
 /// The optical depths from a lamp to the points of a table.
 struct Fill<'a> {
-    lamp: &'a Shadow,
+    maps: &'a [Map],
     first: DVec3,
     steps: [DVec3; 3],
     edge: usize,
@@ -117,7 +139,7 @@ impl WithLevel for Fill<'_> {
             for _ in 0..self.edge {
                 let mut point = column;
                 for _ in 0..self.edge {
-                    self.table[at] = self.lamp.depth(point);
+                    self.table[at] = depth(self.maps, point);
                     point += self.steps[2];
                     at += 1;
                 }
@@ -227,7 +249,7 @@ impl Map {
                     if seen.is_empty() {
                         return Vec::new();
                     }
-                    way.rays.begin(medium.grid(), tiles.rays(tile, &camera, DVec2::splat(0.5)));
+                    way.rays.begin(medium.grid(), 0, tiles.rays(tile, &camera, DVec2::splat(0.5)));
                     bins.begin(&way.rays, step, pieces);
                     for seen in seen {
                         let block = medium.bricks().blocks[seen.brick as usize];
@@ -321,15 +343,13 @@ fn running(depths: &[f32]) -> (u32, Vec<f32>) {
     (u32::try_from(first).unwrap_or(0), sums)
 }
 
-impl Shadow {
-    /// The optical depth from the lamp to a point.
-    #[inline(always)]
-    fn depth(&self, point: DVec3) -> f32 {
-        for map in &self.maps {
-            if let Some(depth) = map.depth(point) {
-                return depth;
-            }
+/// The optical depth from a lamp to a point.
+#[inline(always)]
+fn depth(maps: &[Map], point: DVec3) -> f32 {
+    for map in maps {
+        if let Some(depth) = map.depth(point) {
+            return depth;
         }
-        0.0
     }
+    0.0
 }

@@ -223,7 +223,7 @@ impl WithLevel for Through<'_> {
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "small")]
     fn run<R: Real<Scalar = f32>>(self, token: R::Token) {
-        let Through { walk, rule, brick, way: Way { rays, hits }, values } = self;
+        let Through { walk, rule, brick, way: Way { rays, hits, .. }, values } = self;
         let (wanted, lit) = (brick.wanted, brick.lit);
         let first = walk.first;
         let mut group = Group::<R>::new(token, rays, hits, first, wanted);

@@ -51,13 +51,12 @@ impl Tiles {
         let mut order: Vec<u32> = (0..).take(found.len()).collect();
         order.par_sort_by_key(|at| found[*at as usize].1);
         let mut counts = vec![0; columns * rows + 1];
-        let tiles = |[[left, right], [top, bottom]]: [[usize; 2]; 2]| {
-            (top / TILE..=bottom / TILE)
-                .flat_map(move |row| (left / TILE..=right / TILE).map(move |column| (column, row)))
-        };
+        let tiles = |[first, last]: [usize; 2]| first / TILE..=last / TILE;
         for (_, _, pixels) in &found {
-            for (column, row) in tiles(*pixels) {
-                counts[row * columns + column + 1] += 1;
+            for row in tiles(pixels[1]) {
+                for column in tiles(pixels[0]) {
+                    counts[row * columns + column + 1] += 1;
+                }
             }
         }
         for tile in 1..counts.len() {
@@ -69,15 +68,16 @@ impl Tiles {
         let mut seen = vec![nothing; starts.last().copied().unwrap_or(0)];
         for at in order {
             let (brick, _, pixels) = found[at as usize];
-            for (column, row) in tiles(pixels) {
-                let within = |[first, last]: [usize; 2], tile: usize| {
-                    [first.saturating_sub(tile * TILE), last - tile * TILE]
-                        .map(|pixel| byte(pixel.min(TILE - 1)))
-                };
-                let place = &mut next[row * columns + column];
-                seen[*place] =
-                    Seen { brick, columns: within(pixels[0], column), rows: within(pixels[1], row) };
-                *place += 1;
+            let within = |[first, last]: [usize; 2], tile: usize| {
+                [first.saturating_sub(tile * TILE), last - tile * TILE].map(|pixel| byte(pixel.min(TILE - 1)))
+            };
+            for row in tiles(pixels[1]) {
+                for column in tiles(pixels[0]) {
+                    let place = &mut next[row * columns + column];
+                    seen[*place] =
+                        Seen { brick, columns: within(pixels[0], column), rows: within(pixels[1], row) };
+                    *place += 1;
+                }
             }
         }
         Tiles { size, columns, starts, seen }

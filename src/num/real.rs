@@ -11,7 +11,8 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use fearless_simd::{
-    Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdMask, f32x16, i32x16, mask32x16, u32x16,
+    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, f32x4, f32x16, i32x16,
+    mask32x16, u32x16,
 };
 
 /// The product's arithmetic: sixteen `f32` lanes at the instruction set of `S`.
@@ -139,6 +140,10 @@ pub trait Real:
     /// The opposite of [`Real::compress`]: the first lanes, in order, moved to where `mask` is set; 0 elsewhere.
     fn expand(self, mask: Self::Mask) -> Self;
 
+    /// The four numbers from each lane's place in `from` on: the first of every lane, the second, and so on. Places too near to
+    /// its end are taken to be the last from which there are four.
+    fn runs<const N: usize>(token: Self::Token, from: &[Self::Scalar; N], places: Self::Bits) -> [Self; 4];
+
     /// Largest whole number not above each lane.
     fn floor(self) -> Self;
     /// Correctly rounded square root.
@@ -210,6 +215,23 @@ pub trait Real:
     }
 }
 
+/// Four numbers from a place on.
+#[inline(always)]
+fn four<S: Simd, const N: usize>(token: S, from: &[f32; N], place: u32) -> f32x4<S> {
+    let place = (place as usize).min(N - 4);
+    f32x4::from_slice(token, &from[place..place + 4])
+}
+
+/// The first of the four numbers from each of four places on, the second, and so on.
+#[inline(always)]
+fn turned<S: Simd, const N: usize>(token: S, from: &[f32; N], places: [u32; 4]) -> [f32x4<S>; 4] {
+    let (a, b) = (four(token, from, places[0]), four(token, from, places[1]));
+    let (c, d) = (four(token, from, places[2]), four(token, from, places[3]));
+    let (even, odd) = (a.zip_low(c), b.zip_low(d));
+    let (even_high, odd_high) = (a.zip_high(c), b.zip_high(d));
+    [even.zip_low(odd), even.zip_high(odd), even_high.zip_low(odd_high), even_high.zip_high(odd_high)]
+}
+
 /// Whether the instructions for minimum and maximum are those selections: the second operand where neither is smaller.
 const SELECTS: bool = cfg!(target_arch = "x86_64");
 
@@ -239,6 +261,21 @@ impl<S: Simd> Real for f32x16<S> {
     #[inline(always)]
     fn expand(self, mask: Self::Mask) -> Self {
         <Self as SimdBase<S>>::expand(self, mask)
+    }
+    #[inline(always)]
+    fn runs<const N: usize>(token: S, from: &[f32; N], places: u32x16<S>) -> [Self; 4] {
+        let mut lanes = [0_u32; 16];
+        places.store_slice(&mut lanes);
+        let a = turned(token, from, [lanes[0], lanes[1], lanes[2], lanes[3]]);
+        let b = turned(token, from, [lanes[4], lanes[5], lanes[6], lanes[7]]);
+        let c = turned(token, from, [lanes[8], lanes[9], lanes[10], lanes[11]]);
+        let d = turned(token, from, [lanes[12], lanes[13], lanes[14], lanes[15]]);
+        [
+            a[0].combine(b[0]).combine(c[0].combine(d[0])),
+            a[1].combine(b[1]).combine(c[1].combine(d[1])),
+            a[2].combine(b[2]).combine(c[2].combine(d[2])),
+            a[3].combine(b[3]).combine(c[3].combine(d[3])),
+        ]
     }
     #[inline(always)]
     fn floor(self) -> Self {
@@ -424,6 +461,11 @@ impl Real for f64 {
     #[inline(always)]
     fn expand(self, mask: bool) -> f64 {
         if mask { self } else { 0.0 }
+    }
+    #[inline(always)]
+    fn runs<const N: usize>((): (), from: &[f64; N], place: u32) -> [f64; 4] {
+        let place = (place as usize).min(N - 4);
+        [from[place], from[place + 1], from[place + 2], from[place + 3]]
     }
     #[inline(always)]
     fn floor(self) -> f64 {

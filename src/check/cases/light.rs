@@ -12,7 +12,7 @@ use crate::field::{Field, Lattice};
 use crate::formats::vdb::{Compression, Encoder};
 use crate::march::{
     Baked, Camera, Film, Grid, Integrator, Lamp, Meaning, Medium, Optics, Picture, Procedural, Quality,
-    Shadow, phase,
+    Sampling, Shadow, phase,
 };
 use crate::num::Level;
 use crate::num::quadrature::gauss_legendre;
@@ -324,7 +324,8 @@ fn every_level() -> Verdict {
             Baked::new(&trial.tree, grid, Meaning::Density, BUDGET).map_err(|error| error.to_string())?;
         let sun = Lamp::Sun { direction: DVec3::NEG_Z, irradiance: DVec3::ONE };
         let mut pictures = 0;
-        for medium in [&procedural, &Medium::Baked(baked)] {
+        let planes = Medium::Baked(baked.clone().with(Sampling::Planes));
+        for medium in [&procedural, &Medium::Baked(baked), &planes] {
             for extinction in [1e-3, 5.0, 1e6] {
                 for integrator in [Integrator::Single, Integrator::Path { seed: 1 }] {
                     let optics = Optics { albedo: DVec3::splat(0.8), lamps: vec![sun], ..optics(extinction) };

@@ -18,7 +18,9 @@ use super::memory::enough;
 use super::output::Output;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
-use crate::march::{Camera, Entry, Film, Integrator, Intervals, Marching, Method, Picture, Quality, Shadow};
+use crate::march::{
+    Camera, Entry, Film, Integrator, Intervals, Marching, Method, Picture, Quality, Sampling, Shadow,
+};
 use crate::num::Level;
 use image::Target;
 use light::LightOptions;
@@ -57,7 +59,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "VOXELS", value_parser = step, allow_hyphen_values = true)]
     step: Option<f64>,
     /// Of a scene: what steps do. `gauss` takes two samples a step and divides it where it is dense; `midpoint` one, in its
-    /// middle; `alpha` one at its beginning, and multiplies the transmittance by 1 - density times step
+    /// middle; `alpha` one at its beginning, and multiplies the transmittance by 1 - density times step [default: gauss].
+    /// Of a file: `planes` takes one sample in every layer of voxels, `cells` integrates each exactly [default: planes, with
+    /// exact shadows and paths cells]
     #[arg(long, value_name = "METHOD")]
     method: Option<MethodName>,
     /// Of `midpoint` and `alpha`: each step is longer than the one before by this part of it [default: 0]
@@ -94,6 +98,8 @@ enum MethodName {
     Gauss,
     Midpoint,
     Alpha,
+    Planes,
+    Cells,
 }
 
 /// See [`Entry`].
@@ -126,6 +132,10 @@ impl Arguments {
     /// How rays go through a scene.
     fn marching(&self) -> Result<Marching, Failure> {
         let method = match self.method {
+            Some(MethodName::Planes | MethodName::Cells) => {
+                let message = "this --method has no meaning for a scene, only for a file";
+                return Err(Failure::usage(message).hint("choose gauss, midpoint or alpha"));
+            }
             None | Some(MethodName::Gauss) => Method::Gauss,
             Some(MethodName::Midpoint) => Method::Midpoint,
             Some(MethodName::Alpha) => Method::Alpha,
@@ -176,6 +186,23 @@ impl Arguments {
         Ok(Marching { method, growth, entry, map_every: map_every.into(), intervals, count })
     }
 
+    /// How rays go through the voxels of a file.
+    fn sampling(&self) -> Result<Sampling, Failure> {
+        match self.method {
+            Some(MethodName::Planes) => Ok(Sampling::Planes),
+            Some(MethodName::Cells) => Ok(Sampling::Cells),
+            Some(MethodName::Gauss | MethodName::Midpoint | MethodName::Alpha) => {
+                let message = "this --method has no meaning for a file, only for a scene";
+                Err(Failure::usage(message).hint("choose planes or cells"))
+            }
+            None => {
+                let is_plain =
+                    self.light.integrator() == Integrator::Single && self.light.shadow() != Shadow::Exact;
+                Ok(if is_plain { Sampling::Planes } else { Sampling::Cells })
+            }
+        }
+    }
+
     /// How often the voxels of a file are drawn as one with those beside them.
     fn halvings(&self) -> Result<u32, Failure> {
         let step = self.step.unwrap_or(1.0);
@@ -187,7 +214,6 @@ impl Arguments {
     /// The first option that is given and says how rays go through a scene only.
     fn marching_option(&self) -> Option<&'static str> {
         [
-            (self.method.is_some(), "--method"),
             (self.growth.is_some(), "--growth"),
             (self.entry.is_some(), "--entry"),
             (self.map_every.is_some(), "--map-every"),

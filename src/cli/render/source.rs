@@ -87,7 +87,7 @@ impl<'a> Drawn<'a> {
         if let Some(option) = options.for_scenes_only().or(arguments.marching_option()) {
             return Err(Failure::usage(format!("{option} has no meaning for a file, only for a scene")));
         }
-        let halvings = arguments.halvings()?;
+        let (halvings, sampling) = (arguments.halvings()?, arguments.sampling()?);
         let path = &arguments.file;
         let failed = |error: VdbReadError| unread(path, error);
         let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
@@ -114,7 +114,7 @@ impl<'a> Drawn<'a> {
             Some(scene) => scene_view(scene, bounds)?,
             None => own_view(&file.info().metadata, path, bounds, options.budget(), global)?,
         };
-        let medium = Medium::Baked(baked?);
+        let medium = Medium::Baked(baked?.with(sampling));
         Ok(Drawn { medium: medium.coarser(halvings).unwrap_or(medium), view })
     }
 }
