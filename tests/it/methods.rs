@@ -64,7 +64,6 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
     }
     assert_eq!(folder.run(&["bake", "bent.toml", "-o", "bent.vdb"]).status.code(), Some(0));
     for option in [
-        ["--method", "alpha"],
         ["--growth", "0.1"],
         ["--entry", "cones"],
         ["--map-every", "1"],
@@ -76,4 +75,30 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
         let message = String::from_utf8(output.stderr).expect("UTF-8");
         assert!(message.contains(&format!("{} has no meaning for a file", option[0])), "{message}");
     }
+    for (input, method, said) in [
+        ("bent.vdb", "alpha", "--method alpha has no meaning for a file"),
+        ("bent.toml", "planes", "--method planes has no meaning for a scene"),
+        ("bent.toml", "cells", "--method cells has no meaning for a scene"),
+    ] {
+        let output = folder.run(&["render", input, "-o", "a.png", "--method", method]);
+        assert_eq!(output.status.code(), Some(2));
+        let message = String::from_utf8(output.stderr).expect("UTF-8");
+        assert!(message.contains(said), "{message}");
+    }
+    for method in ["planes", "cells"] {
+        let output = folder.run(&[
+            "render",
+            "bent.vdb",
+            "-o",
+            &format!("{method}.exr"),
+            "--size",
+            "40x30",
+            "--method",
+            method,
+        ]);
+        assert_eq!(output.status.code(), Some(0));
+    }
+    let pictures =
+        ["planes.exr", "cells.exr"].map(|name| std::fs::read(folder.path().join(name)).expect("a picture"));
+    assert_ne!(pictures[0], pictures[1]);
 }

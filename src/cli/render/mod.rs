@@ -102,6 +102,12 @@ enum MethodName {
     Cells,
 }
 
+impl MethodName {
+    fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+    }
+}
+
 /// See [`Entry`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum EntryName {
@@ -132,8 +138,9 @@ impl Arguments {
     /// How rays go through a scene.
     fn marching(&self) -> Result<Marching, Failure> {
         let method = match self.method {
-            Some(MethodName::Planes | MethodName::Cells) => {
-                let message = "this --method has no meaning for a scene, only for a file";
+            Some(method @ (MethodName::Planes | MethodName::Cells)) => {
+                let message =
+                    format!("--method {} has no meaning for a scene, only for a file", method.name());
                 return Err(Failure::usage(message).hint("choose gauss, midpoint or alpha"));
             }
             None | Some(MethodName::Gauss) => Method::Gauss,
@@ -191,8 +198,9 @@ impl Arguments {
         match self.method {
             Some(MethodName::Planes) => Ok(Sampling::Planes),
             Some(MethodName::Cells) => Ok(Sampling::Cells),
-            Some(MethodName::Gauss | MethodName::Midpoint | MethodName::Alpha) => {
-                let message = "this --method has no meaning for a file, only for a scene";
+            Some(method @ (MethodName::Gauss | MethodName::Midpoint | MethodName::Alpha)) => {
+                let message =
+                    format!("--method {} has no meaning for a file, only for a scene", method.name());
                 Err(Failure::usage(message).hint("choose planes or cells"))
             }
             None => {
