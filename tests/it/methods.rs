@@ -99,6 +99,6 @@ fn methods_draw_scenes_and_say_where_they_have_no_meaning() {
         assert_eq!(output.status.code(), Some(0));
     }
     let pictures =
-        ["planes.exr", "cells.exr"].map(|name| std::fs::read(folder.path().join(name)).expect("a picture"));
+        ["planes.exr", "cells.exr"].map(|name| std::fs::read(folder.path(name)).expect("a picture"));
     assert_ne!(pictures[0], pictures[1]);
 }
