@@ -62,6 +62,16 @@ impl Grid {
         self.inverse * grid + self.origin
     }
 
+    /// A step in the world, in the grid's space.
+    pub(super) fn step_to_grid(&self, world: DVec3) -> DVec3 {
+        self.linear * world
+    }
+
+    /// A step in the grid's space, in the world.
+    pub(super) fn step_to_world(&self, grid: DVec3) -> DVec3 {
+        self.inverse * grid
+    }
+
     /// The direction in which a function grows fastest, from its derivatives by the grid's coordinates; not of length 1.
     pub(super) fn gradient(&self, derivatives: DVec3) -> DVec3 {
         self.linear.transpose() * derivatives

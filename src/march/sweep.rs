@@ -26,8 +26,11 @@ const WIDE: usize = COARSE + 1;
 type Window = [[f32; WIDE]; WIDE];
 /// No front is larger.
 const MOST_RAYS: i64 = 1 << 24;
-/// Depths are finite.
+/// Nor are there more bricks from the first layer to the last.
+const MOST_LAYERS: u32 = 1 << 20;
+/// Depths are finite, and so are the sums of densities of all layers.
 const THICKEST: f64 = 1e30;
+const DENSEST: f32 = 1e30;
 
 /// What a brick adds to the front, layer by layer: the densities that its rays meet.
 type Added = [[[f32; SIDE]; SIDE]; LAYERS];
@@ -70,14 +73,16 @@ pub(super) struct Swept {
 /// The shadows of a sun that shines along `direction`, in the world; `None` where bricks are too far from each other for a front.
 pub(super) fn sweep(baked: &Baked, direction: DVec3, extinction: f64, level: Level) -> Option<Swept> {
     let grid = baked.grid();
-    let zero = grid.to_grid(DVec3::ZERO);
-    let along = grid.to_grid(direction) - zero;
+    let along = grid.step_to_grid(direction);
     let size = along.abs();
     let axis = if size.x >= size.y && size.x >= size.z { 0 } else { 1 + usize::from(size.z > size.y) };
     let others = [[1, 2], [0, 2], [0, 1]][axis];
     // A layer's length on the way.
     let layer = along / along[axis];
-    let metres = (grid.to_world(layer) - grid.to_world(DVec3::ZERO)).length();
+    let metres = grid.step_to_world(layer).length();
+    if !(layer.is_finite() && metres.is_finite()) {
+        return None;
+    }
     let thickness = single((extinction * metres).min(THICKEST));
     let slope = others.map(|other| layer[other]);
     let blocks = &baked.bricks.blocks;
@@ -100,7 +105,7 @@ pub(super) fn sweep(baked: &Baked, direction: DVec3, extinction: f64, level: Lev
         begin[n] = i64::from(low[others[n]]) * 4 + shifts[0].min(shifts[1]) - 2;
         count[n] = i64::from(high[others[n]]) * 4 + shifts[0].max(shifts[1]) + 8 - begin[n];
     }
-    if count[0].checked_mul(count[1])? > MOST_RAYS {
+    if count[0].checked_mul(count[1])? > MOST_RAYS || high[axis].abs_diff(low[axis]) > MOST_LAYERS {
         return None;
     }
     let mut order: Vec<usize> = (0..blocks.len()).collect();
@@ -170,7 +175,8 @@ impl Swept {
                 for j in 0..COARSE {
                     let depth = between[i][j] + (between[i + 1][j] - between[i][j]) * p;
                     let to = plane * strides[0] + i * strides[1] + j * strides[2];
-                    table[to] = depth * self.thickness;
+                    let depth = depth * self.thickness;
+                    table[to] = if depth < DENSEST { depth } else { DENSEST };
                 }
             }
         }
@@ -237,6 +243,9 @@ impl WithLevel for Add<'_> {
     fn run<R: Real<Scalar = f32>>(self, _: R::Token) -> Added {
         let mut flat = [0.0_f32; FLAT];
         middles(self.values, self.axis, &mut flat);
+        for value in &mut flat {
+            *value = if *value < DENSEST { *value } else { DENSEST };
+        }
         let mut added = [[[0.0; SIDE]; SIDE]; LAYERS];
         for layer in 0..LAYERS {
             // The second cell, or the first.
