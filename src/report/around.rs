@@ -15,11 +15,10 @@ pub fn around(plan: &Plan, margin: f64, count: usize, stream: u64) -> Spread {
         return Spread { points: vec![], volume: 0.0 };
     }
     let mut draws = count.max(1);
-    let mut points = draw(plan, margin, draws, stream, count);
+    let mut points = draw(plan, margin, draws, stream);
     if points.len() < count {
         draws = (draws * count / points.len().max(1)).min(MOST * draws);
-        drop(points);
-        points = draw(plan, margin, draws, stream, count);
+        points = draw(plan, margin, draws, stream);
     }
     let edge = (8.0 + 2.0 * margin) * plan.lattice().voxel_size;
     #[allow(clippy::cast_precision_loss, reason = "counts")]
@@ -27,10 +26,7 @@ pub fn around(plan: &Plan, margin: f64, count: usize, stream: u64) -> Spread {
     Spread { points, volume: bricks * edge * edge * edge * part }
 }
 
-/// About `count` points.
-fn draw(plan: &Plan, margin: f64, draws: usize, stream: u64, count: usize) -> Vec<DVec3> {
-    /// Draws whose points are put behind those of others at once.
-    const TOGETHER: usize = 1 << 14;
+fn draw(plan: &Plan, margin: f64, draws: usize, stream: u64) -> Vec<DVec3> {
     let h = plan.lattice().voxel_size;
     #[allow(
         clippy::cast_precision_loss,
@@ -52,12 +48,7 @@ fn draw(plan: &Plan, margin: f64, draws: usize, stream: u64, count: usize) -> Ve
         let corner = DVec3::from(block.map(|b| 8.0 * b as f64));
         first.then(|| (corner + local) * h)
     };
-    let mut points = Vec::with_capacity(count + count / 16);
-    for first in (0..draws).step_by(TOGETHER) {
-        let together = first..draws.min(first + TOGETHER);
-        points.extend(together.into_par_iter().filter_map(point).collect::<Vec<_>>());
-    }
-    points
+    (0..draws).into_par_iter().filter_map(point).collect()
 }
 
 /// The bricks around which a place of a brick lies, by their distance from it in bricks.

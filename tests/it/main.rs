@@ -28,7 +28,6 @@ mod large;
 mod layers;
 mod limits;
 mod mass;
-mod measuring;
 mod memory;
 mod methods;
 mod noise;
