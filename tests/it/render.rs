@@ -55,8 +55,10 @@ fn a_file_and_its_scene_look_alike() {
     let report = render(&[&[text(&scene), "-o", text(&of_scene), "--resolution", "200"][..], &SIZE].concat())
         .expect("a picture");
     assert_eq!((report["kind"].as_str(), report["samples"].as_u64()), (Some("scene"), Some(1)));
-    // With the camera and lights of the scene that the file carries.
-    let report = render(&[&[text(&baked), "-o", text(&of_file)][..], &SIZE].concat()).expect("a picture");
+    // With the camera and lights of the scene that the file carries, and shadows as of the scene.
+    let cells = ["--method", "cells"];
+    let report =
+        render(&[&[text(&baked), "-o", text(&of_file)][..], &SIZE, &cells].concat()).expect("a picture");
     assert_eq!(report["kind"].as_str(), Some("file"));
     let [scene, file] = [&of_scene, &of_file].map(|image| channels(image));
     let expected = [
@@ -88,7 +90,7 @@ fn a_file_and_its_scene_look_alike() {
             .replace("look_at = [0, 0, 1.25]", &format!("look_at = [{half}, {half}, {}]", 1.25 + half)),
     );
     let beside = folder.path().join("beside.exr");
-    render(&[&[text(&baked), "-o", text(&beside), "--scene", text(&shifted)][..], &SIZE].concat())
+    render(&[&[text(&baked), "-o", text(&beside), "--scene", text(&shifted)][..], &SIZE, &cells].concat())
         .expect("a picture");
     let beside = channels(&beside);
     for name in ["G", "transmittance.Y"] {
