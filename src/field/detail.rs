@@ -15,12 +15,6 @@ const FINEST: f64 = 524_288.0;
 /// What rounding to single precision may add to a sum of octaves, relative to its size: 32 octaves and their own errors.
 const ROUNDING: f64 = 1e-5;
 
-/// Standard deviation of an octave's values over the length of their range, nearly.
-const SPREAD: f64 = 0.13;
-/// A sum is asked for its worth where that many standard deviations below its middle it has none: else few batches of
-/// voxels would be left out, and asking costs a hundredth of an octave.
-const LIKELY: f64 = 1.4;
-
 /// Relative margin of squared cells per voxel by which the kernel's rounding cannot change a weight that is 0 or 1.
 const SURE: f64 = 2e-4;
 
@@ -41,6 +35,7 @@ impl Place {
     /// The tube's layers there, and whether octaves fade and world coordinates are needed.
     pub(super) fn layers<T: Scalar>(&self, tube: &Tube, region: &mut Region<T>) -> ([usize; 2], [bool; 2]) {
         let first = region.layers.len();
+        region.fading = 0;
         let (mut fades, mut in_world) = (false, false);
         for layer in &tube.layers {
             let kind = match &layer.kind {
@@ -87,7 +82,7 @@ impl Place {
         }
         let sum = self.sum(tube, perlin.space, &perlin.sum, region);
         region.sums.push(Sum { displaced, ..sum });
-        *fades |= region.sums[first..].iter().any(|sum| sum.fades);
+        *fades |= region.sums[first..].iter().any(|sum| sum.fading[0] < sum.fading[1]);
         LayerKind::Perlin { sums: [first, region.sums.len()], in_world }
     }
 
@@ -101,7 +96,7 @@ impl Place {
         };
         let start = region.octaves.len();
         let mut mean = sum.mean;
-        let mut fades = false;
+        let mut fading = [start; 2];
         for octave in &sum.octaves {
             let octave_mean = sum.form.mean() * octave.amplitude;
             let finer = octave.finer;
@@ -110,14 +105,13 @@ impl Place {
                 continue;
             }
             let is_faded = band[1] * finer > BAND[0] * (1.0 - SURE);
-            let (mut steps, mut at, mut amplitude, mut fade) =
-                (octave.steps, octave.origin, octave.amplitude, None);
-            match space {
+            let (mut steps, mut at, mut amplitude) = (octave.steps, octave.origin, octave.amplitude);
+            let (placed, fades) = match space {
                 Space::Cylinder => {
-                    fade = is_faded.then(|| T::from_f64(finer));
                     for axis in 0..3 {
                         at[axis] += steps[axis][2] * self.origin * tube.height_rate();
                     }
+                    (octave.template.as_ref().map(|octave| octave.moved(at[2])), is_faded)
                 }
                 Space::World => {
                     // The rate is the same everywhere, so the fade is but a smaller amplitude.
@@ -130,15 +124,29 @@ impl Place {
                         at[axis] += x * centre.x + y * centre.y + z * centre.z;
                         steps[axis] = [x * h, y * h, z * h];
                     }
+                    (None, false)
                 }
+            };
+            let octave = placed.unwrap_or_else(|| {
+                noise::Octave::turned(at, steps, octave.period, sum.form, octave.seed, amplitude)
+            });
+            let number = region.fading;
+            if fades {
+                let index = region.octaves.len();
+                fading = if fading[0] == fading[1] { [index, index + 1] } else { [fading[0], index + 1] };
+                region.fading += 1;
             }
-            fades |= fade.is_some();
-            let octave = noise::Octave::turned(at, steps, octave.period, sum.form, octave.seed, amplitude);
-            region.octaves.push(region::Octave { octave, fade, hopeless: None });
+            region.octaves.push(region::Octave {
+                octave,
+                fades,
+                finer: T::from_f64(finer),
+                number,
+                hopeless: None,
+            });
         }
         Sum {
             octaves: [start, region.octaves.len()],
-            fades,
+            fading,
             rates: round([rates.across, rates.along, rates.twist].map(|rate| rate * rate)),
             mean: T::from_f64(mean),
             displaces: None,
@@ -158,18 +166,15 @@ fn give_up<T: Scalar>(threshold: f64, sum: &Sum<T>, octaves: &mut [region::Octav
         highest += high;
     }
     let stop = threshold - ROUNDING * size;
-    // Of what is summed so far: the middle, its standard deviation squared, and its greatest value.
-    let (mut middle, mut variance, mut greatest) = (mean, 0.0, 0.0);
+    // Of what is summed so far: the middle of its range, and its greatest value.
+    let (mut middle, mut greatest) = (mean, 0.0);
     let last = octaves.len().saturating_sub(1);
     for octave in &mut octaves[..last] {
         let [low, high] = octave.octave.range();
         middle += 0.5 * (low + high);
-        variance += SPREAD * (high - low) * SPREAD * (high - low);
         greatest += high;
         let least = stop - (highest - greatest);
-        let below = middle - least;
-        let is_likely = below < 0.0 || below * below < LIKELY * LIKELY * variance;
-        octave.hopeless = is_likely.then(|| T::from_f64(least));
+        octave.hopeless = (middle < least).then(|| T::from_f64(least));
     }
 }
 

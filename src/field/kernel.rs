@@ -74,6 +74,8 @@ pub struct Scratch<T> {
     /// Radius and squared distance to the axis over it: only where octaves fade or feet are told apart.
     pub(super) radius: Lanes<T>,
     pub(super) q: Lanes<T>,
+    /// Weights of the octaves that fade in a piece.
+    pub(super) weights: Vec<Lanes<T>>,
     /// The focal fade: only where feet are told apart.
     pub(super) focal: Lanes<T>,
     pub(super) joint: Joint<T>,
@@ -97,6 +99,7 @@ impl<T: Scalar> Default for Scratch<T> {
             inside: Box::new([0; VOXELS]),
             radius: room(),
             q: room(),
+            weights: Vec::new(),
             focal: room(),
             joint: Joint::default(),
             place: [room(), room(), room()],

@@ -1,9 +1,9 @@
 //! Layers in the kernel.
 
-use super::kernel::{Places, Scratch};
-use super::region::{LayerKind, Region, Sum};
+use super::kernel::{Lanes, Places, Scratch};
+use super::region::{Layer, LayerKind, Region, Sum};
 use super::{EDGE, VOXELS};
-use crate::noise::{BAND, band_weight};
+use crate::noise::band_weight;
 use crate::num::{Real, Scalar};
 use crate::scene::Op;
 
@@ -43,6 +43,39 @@ pub(super) fn pack_places<R: Real>(
     }
 }
 
+/// The weights of octaves that fade at the packed voxels, for [`layers`]. Apart from the noise, since each is a long chain of
+/// dependent operations: so those of one batch overlap those of the next.
+#[inline(always)]
+fn fade<R: Real>(
+    token: R::Token,
+    region: &Region<R::Scalar>,
+    layers: &[Layer<R::Scalar>],
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+) {
+    for layer in layers {
+        let LayerKind::Perlin { sums, .. } = layer.kind else { continue };
+        for sum in &region.sums[sums[0]..sums[1]] {
+            let fading = &region.octaves[sum.fading[0]..sum.fading[1]];
+            let Some(last) = fading.last() else { continue };
+            if scratch.weights.len() <= last.number {
+                scratch.weights.resize_with(last.number + 1, Lanes::default);
+            }
+            let mut first = 0;
+            while first < packed {
+                let radius = R::load(token, scratch.radius.part(first));
+                let r2 = radius * radius;
+                let larger = larger_square(token, &sum.rates, r2, R::load(token, scratch.q.part(first)));
+                for octave in fading {
+                    let weight = band_weight(token, larger * R::splat(token, octave.finer), r2);
+                    weight.store(scratch.weights[octave.number].part_mut(first));
+                }
+                first += R::LANES;
+            }
+        }
+    }
+}
+
 /// The density of the packed voxels: envelope times layers. It takes the place of the weights.
 #[inline(always)]
 pub(super) fn layers<R: Real>(
@@ -52,6 +85,7 @@ pub(super) fn layers<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
     packed: usize,
 ) {
+    fade::<R>(token, region, &region.layers[start..end], scratch, packed);
     let mut first = 0;
     while first < packed {
         let mut value = R::constant(token, 1.0);
@@ -98,7 +132,7 @@ pub(super) fn fractal<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
     first: usize,
 ) -> R {
-    let Scratch { u, v, height, radius, q, place, displaced, .. } = scratch;
+    let Scratch { u, v, height, weights, place, displaced, .. } = scratch;
     let own = if in_world { [&place[0], &place[1], &place[2]] } else { [&*u, &*v, &*height] };
     let mut total = R::constant(token, 0.0);
     for sum in sums {
@@ -108,28 +142,11 @@ pub(super) fn fractal<R: Real>(
         let at =
             [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
         total = R::splat(token, sum.mean);
-        let (mut r2, mut both) = (total, total);
-        // Found where the first octave asks for it.
-        let mut rate = None;
-        if sum.fades {
-            let (radius, q) = (R::load(token, radius.part(first)), R::load(token, q.part(first)));
-            r2 = radius * radius;
-            both = squares(token, &sum.rates, r2, q);
-        }
         for octave in &region.octaves[sum.octaves[0]..sum.octaves[1]] {
             let mut value = octave.octave.value(token, at);
-            if let Some(finer) = octave.fade {
-                let finer = R::splat(token, finer);
-                // Many a batch has no voxel in the band: the larger square is no more than both.
-                let below = (both * finer).le(r2 * R::constant(token, BAND[0]));
-                if R::bitmask(R::not(below)) != 0 {
-                    let larger = match rate {
-                        Some(larger) => larger,
-                        None => larger_square(token, &sum.rates, r2, both),
-                    };
-                    rate = Some(larger);
-                    value = octave.octave.faded(token, value, band_weight(token, larger * finer, r2));
-                }
+            if octave.fades {
+                let weight = R::load(token, weights[octave.number].part(first));
+                value = octave.octave.faded(token, value, weight);
             }
             total = total + value;
             if let Some(hopeless) = octave.hopeless
@@ -146,15 +163,10 @@ pub(super) fn fractal<R: Real>(
     total
 }
 
-/// Squares of both singular values of the first octave's cells per voxel, added up, times `r2`, the square of the radius.
+/// The larger square of the singular values of the first octave's cells per voxel, times `r2`, the square of the radius.
 #[inline(always)]
-fn squares<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, q: R) -> R {
-    R::splat(token, rates[0]) + (R::splat(token, rates[1]) + R::splat(token, rates[2]) * q) * r2
-}
-
-/// The larger of them, likewise times `r2`.
-#[inline(always)]
-fn larger_square<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, both: R) -> R {
+fn larger_square<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, q: R) -> R {
+    let both = R::splat(token, rates[0]) + (R::splat(token, rates[1]) + R::splat(token, rates[2]) * q) * r2;
     let product = R::splat(token, rates[0] * rates[1]) * r2;
     let root = (both * both - R::constant(token, 4.0) * product).most(R::constant(token, 0.0)).sqrt();
     (both + root) * R::constant(token, 0.5)

@@ -297,7 +297,7 @@ impl Field {
         let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
-        let [starts, ends] = interval.t.map(|t| stands(segment_of(tube, segment), t));
+        let [starts, ends] = stands(segment_of(tube, segment), interval.t);
         if starts && ends {
             return;
         }
@@ -520,10 +520,11 @@ fn axial<T: Scalar>(tube: &Tube, s: [f64; 2], origin: f64) -> Option<[T; 3]> {
     near_end.then(|| round([origin / length, 1.0 / (length * tube.height_rate()), fraction]))
 }
 
-/// Whether the axis stands still: in a cusp or fold, or at an end where control points coincide.
-fn stands(segment: &Segment, t: f64) -> bool {
+/// At which of two places the axis stands still: in a cusp or fold, or at an end where control points coincide.
+fn stands(segment: &Segment, t: [f64; 2]) -> [bool; 2] {
     let [_, a, b, c] = segment.power();
-    segment.d1(t).length() <= 1e-9 * (a.length() + 2.0 * b.length() + 3.0 * c.length())
+    let still = 1e-9 * (a.length() + 2.0 * b.length() + 3.0 * c.length());
+    t.map(|t| segment.d1(t).length_squared() <= still * still)
 }
 
 fn segment_of(tube: &Tube, segment: usize) -> &Segment {
@@ -611,24 +612,30 @@ impl Bounds {
 /// Every `g_p(t) = (C(t) - p) . C'(t)` increases on the interval, and so do the largest and the smallest of them over
 /// the block, `g_o(t) +- half_edge support(C'(t))`: their zeros bound the feet.
 fn clip(segment: &Segment, interval: Interval, block: Block) -> Option<Interval> {
-    let bound = |t: f64, side: f64| {
+    let bounds = |t: f64| {
         let d1 = segment.d1(t);
-        (segment.at(t) - block.centre).dot(d1) + side * block.half_edge * support(d1)
+        let (middle, spread) = ((segment.at(t) - block.centre).dot(d1), block.half_edge * support(d1));
+        [middle - spread, middle + spread]
     };
-    let [low, high] = interval.t;
-    if bound(high, 1.0) < 0.0 || bound(low, -1.0) > 0.0 {
+    let ends = interval.t.map(bounds);
+    let [least, greatest] = [0, 1].map(|side| ends.map(|bounds| bounds[side]));
+    if greatest[1] < 0.0 || least[0] > 0.0 {
         return None;
     }
-    let start = if bound(low, 1.0) >= 0.0 { low } else { bisect(low, high, |t| bound(t, 1.0))[0] };
-    let end = if bound(high, -1.0) <= 0.0 { high } else { bisect(low, high, |t| bound(t, -1.0))[1] };
+    let [low, high] = interval.t;
+    let start = if greatest[0] >= 0.0 { low } else { bisect(interval.t, greatest, |t| bounds(t)[1])[0] };
+    let end = if least[1] <= 0.0 { high } else { bisect(interval.t, least, |t| bounds(t)[0])[1] };
     // A guard against the bounds' own rounding.
     let guard = 1e-3 * (end - start) + 1e-12 * (high - low);
     Some(Interval { t: [(start - guard).max(low), (end + guard).min(high)], ..interval })
 }
 
-/// A short bracket of the zero of a function that is negative at `low` and positive at `high`.
-fn bisect(mut low: f64, mut high: f64, value: impl Fn(f64) -> f64) -> [f64; 2] {
-    let (mut at_low, mut at_high) = (value(low), value(high));
+/// A short bracket of the zero of a function that rises between two places from one value, negative, to another.
+fn bisect(
+    [mut low, mut high]: [f64; 2],
+    [mut at_low, mut at_high]: [f64; 2],
+    value: impl Fn(f64) -> f64,
+) -> [f64; 2] {
     let mut last = 0;
     let enough = ENOUGH * (high - low);
     // Regula falsi with the Illinois rule. Any bracket is a valid, if longer, answer, so few rounds will do.

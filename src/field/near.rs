@@ -11,7 +11,7 @@ use crate::num::{Real, Scalar};
 const HALF_ROW: f64 = 3.5;
 /// How far past its bounds a voxel must be to be left out, in voxels and relative to its distance: well beyond what single
 /// precision makes of a foot's place, here and in the search.
-pub(super) const SLACK: f64 = 0.05;
+pub(super) const SLACK: f64 = 0.01;
 const RELATIVE: f64 = 1e-5;
 
 /// Bounds of the voxels that have feet on a piece, or a point. Lengths are in voxels and positions from the block's centre.

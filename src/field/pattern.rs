@@ -1,6 +1,6 @@
 //! Noise layers at one time, compiled: octaves on their lattices, and the displacement before them.
 
-use crate::noise::{Form, octave_offset, octave_seed, turn, turn_around, warp_seed};
+use crate::noise::{self, Form, octave_offset, octave_seed, turn, turn_around, warp_seed};
 use crate::scene::{Fbm, Space};
 
 /// More cells than this, across the tube, around a loop, or in a warp's way, leave an octave out: single precision cannot
@@ -52,6 +52,8 @@ pub(crate) struct Octave {
     pub(crate) period: Option<f64>,
     pub(crate) seed: u32,
     pub(crate) amplitude: f64,
+    /// As it is at (0, 0, 0); `None` where its first two lattice coordinates change along the third axis, too.
+    pub(crate) template: Option<noise::Octave<f64>>,
 }
 
 /// What all sums of a pattern share.
@@ -152,6 +154,9 @@ impl Ground {
             }
             mean /= total;
         }
+        for octave in &mut octaves {
+            octave.template = octave.template(sum.form);
+        }
         Fractal {
             octaves,
             form: sum.form,
@@ -188,6 +193,7 @@ impl Ground {
             period: self.around.filter(|_| frequency[2] > 0.0).map(|around| (frequency[2] * around).round()),
             seed: octave_seed(sum.seed, index),
             amplitude,
+            template: None,
         }
     }
 
@@ -201,6 +207,14 @@ impl Ground {
             && octave.period.is_none_or(|cells| cells <= FINEST)
             && displaced.iter().all(|cells| *cells <= FINEST)
             && octave.origin.iter().all(|x| x.is_finite())
+    }
+}
+
+impl Octave {
+    fn template(&self, form: Form) -> Option<noise::Octave<f64>> {
+        let Octave { origin, steps, period, seed, amplitude, .. } = *self;
+        let is_along = steps[0][2] == 0.0 && steps[1][2] == 0.0;
+        is_along.then(|| noise::Octave::turned(origin, steps, period, form, seed, amplitude))
     }
 }
 
