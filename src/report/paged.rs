@@ -298,8 +298,8 @@ mod tests {
     #[test]
     fn values_and_depths_are_those_of_the_whole_tree_however_few_leaves_are_held() {
         for (text, voxel_size, compression) in [
-            (NOISE, 0.02, Compression::Blosc),
-            (NOISE, 0.02, Compression::None),
+            (NOISE, 0.012, Compression::Blosc),
+            (NOISE, 0.012, Compression::None),
             (FAT, 2.0, Compression::Zip),
         ] {
             let lattice = Lattice { voxel_size };
