@@ -1,21 +1,19 @@
 //! A voxel size from an error, or from a file's size.
 
-use std::io;
-
 use clap::{Args, ValueEnum};
 
 use super::compare::figure;
 use super::job::{Job, Moment, Options, SEARCH, Source, bounds};
-use super::memory::{Amount, PROGRAM, enough};
+use super::memory::{Amount, BRICK, PROGRAM, enough};
 use super::{Failure, text};
 use crate::field::{Field, Lattice};
-use crate::formats::vdb::{self, VdbGridBuilder};
+use crate::formats::vdb::{EncodedBricks, Encoder, Topology, VdbWriteError};
 use crate::num::Level;
 use crate::report::{
     Goal, Look, Metric, Order, Outcome, Search, Step, Survey, TrialError, most_octaves, with_octaves,
 };
 use crate::scene::{Caps, Pattern, Radial, Scene};
-use crate::volume::{self, Filter, PlanError, Precision};
+use crate::volume::{self, Filter, PlanError, Precision, Sink};
 
 /// Points and rays of a pilot.
 const POINTS: usize = 30_000;
@@ -26,13 +24,13 @@ const FIRST: f64 = 64.0;
 const FEWEST: f64 = 4.0;
 /// Bakes, at most.
 pub(super) const MOST_ROUNDS: u32 = 5;
-/// The part of the memory that pilots may plan in: what they plan must fit it when it is baked and measured, and a brick
-/// takes 2 KiB then.
-const PLANS: u64 = 32;
+/// Bytes that pilots take besides plans: points and what is known of them, and bricks that are baked at once.
+const PILOTS: u64 = 10 << 20;
+/// Plans that are held at once, at most, and along rays.
+const PLANS: u64 = 2;
+const PLANS_ALONG: u64 = 3;
 /// Times the memory that is expected to be needed.
 const SPARE: f64 = 1.05;
-/// Bytes of a brick that is baked, written, read and measured: as it is encoded, its values, and its place.
-const MEASURED: f64 = 3740.0;
 /// Bricks of which a file's size is foretold.
 const SAMPLE: usize = 4096;
 /// Bytes of a certificate with some pilots.
@@ -167,10 +165,12 @@ impl AccuracyOptions {
         let mut chosen = Chosen { goal, most_bytes, certify: self.certify, is_half, ..Chosen::default() };
         let scene = source.start.at(moment.time)?;
         let Some(longest) = longest(&scene) else { return Ok(chosen) };
+        source.settle_resident();
         if let Some(goal) = goal {
             let precision = options.stored();
-            let budget = options.scene.budget().bytes().saturating_sub(PROGRAM) / PLANS;
-            let voxel_size = by_error(&scene, goal, longest, precision, budget, &mut chosen, &stop)?;
+            let memory = options.scene.budget().bytes();
+            let survey = surveyed(&scene, goal.metric, precision, memory);
+            let voxel_size = by_error(&survey, goal, longest, &mut chosen, &stop)?;
             source.set_voxel_size(voxel_size);
             if let Some(most) = most_bytes {
                 let bytes = about(&Job::new(source, moment, options)?, true)?;
@@ -179,7 +179,6 @@ impl AccuracyOptions {
                     let failure = too_large(&chosen, goal, &format!("about {}", text::bytes(bytes)), most);
                     // What the bytes are enough for, where they are for anything.
                     by_bytes(source, moment, options, longest, (most, true), &stop)?;
-                    let survey = Survey::new(&scene, pilot(precision), budget);
                     let error = survey.error(source.voxel_size(), goal.metric).unwrap_or(1.0);
                     return Err(match WITHIN * error {
                         within if within < 1.0 => {
@@ -310,16 +309,26 @@ fn pilot(precision: Precision) -> Look {
     Look { points: POINTS, rays: RAYS, stream: STREAM, filter: Filter::Trilinear, precision }
 }
 
+/// Times that plans as large as they may be have room in the memory that pilots have for them.
+fn plans(metric: Metric) -> u64 {
+    if metric == Metric::OpticalDepth { PLANS_ALONG } else { PLANS }
+}
+
+/// Pilots in so much memory, of bakes that have room in it.
+fn surveyed(scene: &Scene, metric: Metric, precision: Precision, memory: u64) -> Survey<'_> {
+    let plans = plans(metric);
+    let budget = memory.saturating_sub(PROGRAM + PILOTS) / plans;
+    Survey::new(scene, pilot(precision), budget).for_bakes(BRICK, plans)
+}
+
 fn by_error(
-    scene: &Scene,
+    survey: &Survey<'_>,
     goal: Goal,
     longest: f64,
-    precision: Precision,
-    budget: u64,
     chosen: &mut Chosen,
     stop: &impl Fn() -> Result<(), Failure>,
 ) -> Result<f64, Failure> {
-    let survey = Survey::new(scene, pilot(precision), budget);
+    let scene = survey.pilot().scene();
     let (first, largest) = (longest / FIRST, longest / FEWEST);
     // Of thinner tubes voxels show nothing but where they are.
     let thickest = thickest(scene);
@@ -341,12 +350,12 @@ fn by_error(
             }
             Ok(error) => {
                 #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-                let [plan, bricks] = survey.planned().map(|count| count as f64);
-                planned.push([search.next(), (PLANS as f64 * plan).max(MEASURED * bricks)]);
+                let bytes = (plans(goal.metric) * survey.planned()) as f64;
+                planned.push([search.next(), bytes]);
                 error
             }
             Err(TrialError::Plan(error)) => {
-                return Err(unplanned(&survey, goal, &search, longest, &planned, error));
+                return Err(unplanned(survey, goal, &search, longest, planned, error));
             }
             Err(error) => return Err(Failure::failed("cannot try a voxel size").because(error)),
         };
@@ -358,8 +367,8 @@ fn by_error(
     chosen.pilots = search.steps().to_vec();
     match outcome {
         Outcome::Found(voxel_size) => Ok(voxel_size),
-        Outcome::Slow { order, voxel_size } => Err(slow(&survey, goal, &search, longest, order, voxel_size)),
-        Outcome::Lost => Err(coarse(&survey, goal, &search).unwrap_or_else(|| {
+        Outcome::Slow { order, voxel_size } => Err(slow(survey, goal, &search, longest, order, voxel_size)),
+        Outcome::Lost => Err(coarse(survey, goal, &search).unwrap_or_else(|| {
             Failure::failed(format!(
                 "no voxel size was found with a {} of {}, in {}",
                 goal.metric.name(),
@@ -405,7 +414,7 @@ fn unplanned(
     goal: Goal,
     search: &Search,
     longest: f64,
-    planned: &[[f64; 2]],
+    mut planned: Vec<[f64; 2]>,
     error: PlanError,
 ) -> Failure {
     let expected = search.expected();
@@ -422,15 +431,20 @@ fn unplanned(
     let Some(enough_for_one) = error.enough() else {
         return failure.hint("allow a larger --max-error, move the scene nearer to the origin, or divide it");
     };
-    let needed = bytes_at(planned, expected).unwrap_or_else(|| {
-        // Bricks grow with the cube of what voxels shrink by, at most.
-        let finer = search.next() / expected;
-        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-        let bytes = finer * finer * finer * PLANS as f64 * enough_for_one as f64;
-        bytes
-    });
+    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+    let enough_now = (plans(goal.metric).saturating_mul(enough_for_one)) as f64;
+    let needed = if let PlanError::TooMany { bytes: Some(_), .. } = error {
+        planned.push([search.next(), enough_now]);
+        bytes_at(&planned, expected).unwrap_or(enough_now).max(enough_now)
+    } else {
+        bytes_at(&planned, expected).unwrap_or_else(|| {
+            // Bricks grow with the cube of what voxels shrink by, at most.
+            let finer = search.next() / expected;
+            finer * finer * finer * enough_now
+        })
+    };
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-    let bytes = ((SPARE * needed) as u64).saturating_add(PROGRAM).max(SEARCH);
+    let bytes = ((SPARE * needed) as u64).saturating_add(PROGRAM + PILOTS).max(SEARCH);
     let failure =
         failure.hint(format!("allow a larger --max-error, or more with --memory {} or so", enough(bytes)));
     let failure = edges(survey.pilot().scene()).into_iter().fold(failure, Failure::hint);
@@ -567,17 +581,17 @@ fn edges(scene: &Scene) -> Vec<String> {
 
 /// The bytes of a job's file, about where it has many bricks: the same at every run.
 fn about(job: &Job, certified: bool) -> Result<u64, Failure> {
-    let unknown = |error| Failure::failed("cannot foretell the file's size").because(error);
+    let unknown = |error: VdbWriteError| Failure::failed("cannot foretell the file's size").because(error);
     let plan = job.plan()?;
     let sample = plan.sample(SAMPLE);
-    let mut grid = VdbGridBuilder::<f32>::with_encoder(job.encoder);
-    volume::bake(&job.field, &sample, job.scene.bake().cutoff, Level::best(), &mut grid, |_| {})
+    let mut sized = Sized { encoder: job.encoder, topology: Topology::default(), bytes: 0 };
+    volume::bake(&job.field, &sample, job.scene.bake().cutoff, Level::best(), &mut sized, |_| {})
         .map_err(unknown)?;
-    let certificate = if certified { CERTIFICATE } else { 0 };
+    let Sized { topology, bytes, .. } = sized;
+    let empty = job.empty_file()? + if certified { CERTIFICATE } else { 0 };
     if sample.bricks() == plan.bricks() {
-        let header = job.file_header(&"0".repeat(64))?;
-        let whole = vdb::write(io::sink(), &header, &[(&job.grid_header(), &grid)]).map_err(unknown)?;
-        return Ok(whole + certificate);
+        let [all, none] = [&topology, &Topology::default()].map(|topology| topology.file_bytes(job.encoder));
+        return Ok(empty + bytes + all.map_err(unknown)? - none.map_err(unknown)?);
     }
     let whole = |part: u64| {
         let scaled = u128::from(part) * plan.bricks() as u128 / (sample.bricks() as u128).max(1);
@@ -585,8 +599,30 @@ fn about(job: &Job, certified: bool) -> Result<u64, Failure> {
     };
     // Masks of leaves that are, and of all nodes that may be: these are few where bricks are many.
     let nodes = job.bound(&plan).masks.saturating_sub(64 * plan.bricks() as u64);
-    let leaves = 64 * whole(grid.stats().leaves);
-    Ok((job.empty_file()? + certificate + nodes + leaves).saturating_add(whole(grid.encoded_bytes())))
+    let leaves = 64 * whole(topology.stats().leaves);
+    Ok((empty + nodes + leaves).saturating_add(whole(bytes)))
+}
+
+/// A sink that keeps only how large a file is.
+struct Sized {
+    encoder: Encoder,
+    topology: Topology,
+    /// Of encoded leaves.
+    bytes: u64,
+}
+
+impl Sink for Sized {
+    type Encoder = Encoder;
+    type Error = VdbWriteError;
+
+    fn encoder(&self) -> Encoder {
+        self.encoder
+    }
+
+    fn append(&mut self, run: EncodedBricks) -> Result<(), VdbWriteError> {
+        self.bytes += run.encoded_bytes() as u64;
+        run.add_to(&mut self.topology)
+    }
 }
 
 /// The bytes that a file of the voxels that are found takes, and whether smaller ones would show more. `certified` files hold

@@ -159,7 +159,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
             }
             let baked = bake(
                 &job,
-                &plan,
+                plan,
                 &names.path(&source.start, moment.frame),
                 &Surroundings { global, interrupt: &interrupt, pool: &pool, clock: &clock },
                 (&chosen, round),
@@ -257,7 +257,7 @@ struct Surroundings<'a> {
 /// Bakes one file, unless it misses what is asked for.
 fn bake(
     job: &Job,
-    plan: &Plan,
+    plan: Plan,
     path: &Path,
     surroundings: &Surroundings<'_>,
     (chosen, round): (&Chosen, u32),
@@ -277,13 +277,17 @@ fn bake(
             },
         );
     }
+    if chosen.measures() {
+        certify::check(&plan, job.encoder.precision(), [job.budget(), job.process()])?;
+    }
     let planned = clock.read();
 
     let mut output = Output::create(path, interrupt)?;
-    let grid = pool.install(|| empty_grid(job, plan, planned[0], &output))?;
+    let grid = pool.install(|| empty_grid(job, &plan, planned[0], chosen.measures(), &output))?;
     progress.begin(plan.bricks());
-    let (grid, tally, mut phases) =
-        pool.install(|| evaluate(job, plan, grid, interrupt, progress)).map_err(|stopped| match stopped {
+    let (grid, tally, mut phases) = pool
+        .install(|| evaluate(job, &plan, grid, interrupt, progress))
+        .map_err(|stopped| match stopped {
             Stopped::Interrupted => Failure::interrupted(),
             Stopped::Sink(error) => disk::failure(path, error),
         })?;
@@ -316,27 +320,19 @@ fn bake(
 
     let content = text::hexadecimal(&tally.content_hash);
     let mut header = job.file_header(&content)?;
-    let put = |output: &mut Output, header: &FileHeader| {
-        let bytes = write(output, job, header, &grid, interrupt)
-            .map_err(|error| disk::failure(path, error))
-            .or_else(|failure| interrupt.check().and(Err(failure)))?;
-        interrupt.check().map(|()| bytes)
-    };
-    let mut bytes = put(&mut output, &header)?;
+    let broken = |error| interrupt.check().and(Err(disk::failure(path, error)));
+    let mut bytes = write(&mut output, job, &header, &grid, interrupt).or_else(broken)?;
+    interrupt.check()?;
+    let (stats, spooled_bytes) = (grid.stats(), grid.spooled_bytes());
+    let left_out = job.field.left_out(job.lattice, plan.has_edges());
+    let planned_bricks = plan.bricks() as u64;
+    // What is in the file is read from there, and there is no room for it twice.
+    drop((grid, plan));
+
     let (mut certificate, mut measuring) = (None, [0.0; 2]);
     if chosen.measures() {
         let begun = clock.read();
-        let spooled = [grid.spooled_bytes(), 0];
-        let held = spooled.map(|spooled| grid.encoded_bytes() - spooled + plan.memory() as u64);
-        let made = certify::Made {
-            job,
-            output: &output,
-            path,
-            header: &header,
-            content: &content,
-            held,
-            bricks: plan.bricks() as u64,
-        };
+        let made = certify::Made { job, output: &output, path, header: &header, content: &content };
         let found = pool.install(|| certify::certified(&made, chosen, round))?;
         let ended = clock.read();
         measuring = [0, 1].map(|which| ended[which] - begun[which]);
@@ -349,9 +345,10 @@ fn bake(
                 return Ok(Err(miss));
             }
         };
+        let before = header.clone();
         header.metadata.insert(certify::CERTIFICATE.to_owned(), Meta::from(&*certify::entry(&found)?));
-        output.restart().map_err(|error| disk::failure(path, error.into()))?;
-        bytes = put(&mut output, &header)?;
+        bytes = change_header(&output, [&before, &header], interrupt).or_else(broken)?;
+        interrupt.check()?;
         certificate = Some(found);
     }
     if let Some(miss) = chosen.misses(bytes, round) {
@@ -368,7 +365,6 @@ fn bake(
     }
     let written = clock.read();
 
-    let stats = grid.stats();
     let [seconds, cpu_seconds] = times([planned, evaluated, written], measuring, phases);
     Ok(Ok(Box::new(Report {
         output: path.display().to_string(),
@@ -379,7 +375,7 @@ fn bake(
         bounds: job.bounds,
         precision: job.settings.precision,
         compression: job.settings.compression,
-        planned_bricks: plan.bricks() as u64,
+        planned_bricks,
         searched_voxels: tally.searched_voxels,
         bisected_voxels: tally.bisected_voxels,
         inside_voxels: tally.inside_voxels,
@@ -392,7 +388,7 @@ fn bake(
         leaves: stats.leaves,
         tiles: stats.tiles.iter().sum(),
         bytes,
-        spooled_bytes: grid.spooled_bytes(),
+        spooled_bytes,
         seconds,
         cpu_seconds,
         peak_rss_bytes: machine::peak_memory(),
@@ -404,7 +400,7 @@ fn bake(
         faded_mass: mass.faded(),
         mass_notes: mass.notes(&job.scene),
         mass,
-        left_out: job.field.left_out(job.lattice, plan.has_edges()),
+        left_out,
         warnings: text::warnings(job.scene.warnings()),
         sampling_errors: sampling_errors(&job.scene),
         content_hash: content,
@@ -416,15 +412,24 @@ fn bake(
 }
 
 /// A grid for the plan's bricks within the memory, if there is room for it on the disk. Planning took so many seconds.
-fn empty_grid(job: &Job, plan: &Plan, planning: f64, output: &Output) -> Result<VdbGridBuilder, Failure> {
+/// It may be `measured` later.
+fn empty_grid(
+    job: &Job,
+    plan: &Plan,
+    planning: f64,
+    measured: bool,
+    output: &Output,
+) -> Result<VdbGridBuilder, Failure> {
     let bound = job.bound(plan);
     let need = job.need(plan, &bound);
     let empty = job.empty_file()?;
     disk::check(job, &Planned { plan, bound: &bound, need: &need, empty, seconds: planning }, output)?;
+    // Of one that is searched for.
+    let budget = if measured { job.budget().saturating_sub(job.kept()) } else { job.budget() };
     let grid = VdbGridBuilder::with_encoder(job.encoder).with_room(plan.bricks());
-    // What one frame gives back should be of use to the next.
-    let ahead = if job.settings.frame.is_some() { need.leaves() } else { 0 };
-    if need.spool(job.budget()) == 0 {
+    // What it gives back should be of use to the next frame, or to measuring.
+    let ahead = if measured || job.settings.frame.is_some() { need.leaves() } else { 0 };
+    if need.spool(budget) == 0 {
         return Ok(grid.with_bytes(ahead));
     }
     let failed = |error| {
@@ -432,7 +437,7 @@ fn empty_grid(job: &Job, plan: &Plan, planning: f64, output: &Output) -> Result<
         Failure::failed(format!("cannot make a temporary file in {folder}")).because(io::Error::from(error))
     };
     let spool = output.spool().map_err(|error| failed(error.kind()))?;
-    Ok(grid.with_spool(need.room(job.budget()), spool).with_bytes(ahead))
+    Ok(grid.with_spool(need.room(budget), spool).with_bytes(ahead))
 }
 
 /// Evaluates and encodes all bricks.
@@ -460,6 +465,16 @@ fn write(
 ) -> Result<u64, VdbWriteError> {
     let file = Watched { inner: output.file(), interrupt };
     let bytes = vdb::write(file, header, &[(&job.grid_header(), grid)])?;
+    output.sync().map_err(io::Error::into).map(|()| bytes)
+}
+
+/// Puts another header before the grid, and makes sure of the file; returns its length in bytes.
+fn change_header(
+    output: &Output,
+    [before, header]: [&FileHeader; 2],
+    interrupt: &Interrupt,
+) -> Result<u64, VdbWriteError> {
+    let bytes = vdb::rehead(Watched { inner: output.file(), interrupt }, before, header, 1)?;
     output.sync().map_err(io::Error::into).map(|()| bytes)
 }
 

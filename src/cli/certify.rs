@@ -1,7 +1,7 @@
 //! What a file is measured to be, in it and beside it.
 
 use std::fs::File;
-use std::io::{Read, Seek};
+use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -10,16 +10,18 @@ use sha2::{Digest, Sha256};
 use super::accuracy::{Chosen, Miss};
 use super::compare::figure;
 use super::job::Job;
-use super::memory::{PROGRAM, enough};
+use super::memory::enough;
 use super::output::Output;
 use super::recipe::CREATOR;
 use super::text::{self, Table};
-use super::{Failure, Global, disk};
+use super::{Failure, Global};
 use crate::field::Lattice;
-use crate::formats::vdb::{AnyTree, FileHeader, VdbFile, VdbReadError};
-use crate::report::{Certificate, FieldDifference, Look, Measured, Reached, Residuals, TrialError, measure};
+use crate::formats::vdb::{FileHeader, PagedGrid, VdbFile, VdbReadError};
+use crate::report::{
+    Certificate, FieldDifference, Look, Measured, Reached, Residuals, TrialError, measure, measuring,
+};
 use crate::scene::Scene;
-use crate::volume::{Filter, Precision, Tree};
+use crate::volume::{Filter, Plan, Precision};
 
 /// Metadata that holds the certificate.
 pub(super) const CERTIFICATE: &str = "vdbake_certificate";
@@ -84,65 +86,48 @@ pub(super) fn read_beside(beside: &Path) -> Option<Result<Certificate, String>> 
     Some(read.and_then(|_| serde_json::from_str(&text).map_err(|error| error.to_string())))
 }
 
-/// Memory that is about enough to read and to measure so many bricks, beside what is held and what reading asked for.
-fn needed(held: u64, bricks: u64, asked: u64) -> String {
-    /// Bytes of a brick: its values, and its place.
-    const BRICK: u64 = 2240;
-    /// Of nodes that hold few bricks.
-    const NODES: u64 = 4 << 20;
-    let grid = bricks.saturating_mul(BRICK).saturating_add(NODES).max(asked.saturating_add(asked / 16));
-    format!("allow more with --memory {} or so", enough(held.saturating_add(PROGRAM).saturating_add(grid)))
+/// The density of a file, leaf by leaf, within so many bytes.
+pub(super) fn paged<R: Read + Seek>(input: R, budget: u64) -> Result<PagedGrid<R>, TrialError> {
+    Ok(VdbFile::open_within(input, budget)?.paged("density")?)
 }
 
-/// Reads the density of a file that was baked, of about so many bricks.
-pub(super) fn density(
-    input: impl Read + Seek,
-    path: &Path,
-    budget: u64,
-    bricks: u64,
-) -> Result<Tree<f32>, Failure> {
-    let name = path.display();
-    read(input, path, budget, [0, bricks], Failure::failed(format!("{name} takes too much memory")))
-}
-
-/// The same, with what to say where it is too large beside the bytes that are held.
-fn read(
-    input: impl Read + Seek,
-    path: &Path,
-    budget: u64,
-    [held, bricks]: [u64; 2],
-    large: Failure,
-) -> Result<Tree<f32>, Failure> {
-    let unreadable = |error| Failure::input(format!("cannot read {}", path.display())).because(error);
-    let mut file = VdbFile::open_within(input, budget).map_err(unreadable)?;
-    match file.grid("density").map(|grid| grid.tree) {
-        Ok(AnyTree::Float(tree)) => Ok(tree),
-        Ok(_) => Err(Failure::input(format!("the density of {} is not of single precision", path.display()))),
-        Err(error @ VdbReadError::Memory { needed: asked, .. }) => {
-            Err(large.because(error).hint(needed(held, bricks, asked)))
-        }
-        Err(error) => Err(unreadable(error)),
-    }
-}
-
-/// Measures a tree against the scene that it was baked from.
-pub(super) fn measured(
+/// Measures a file that `open` opens against the scene that it was baked from, in a process that may take so many bytes, and
+/// takes some without.
+pub(super) fn measured<R: Read + Seek>(
     scene: &Scene,
     lattice: Lattice,
-    tree: Tree<f32>,
+    (path, open): (&Path, &dyn Fn() -> io::Result<R>),
     precision: Precision,
-    budget: u64,
-    [held, bricks]: [u64; 2],
+    [budget, besides]: [u64; 2],
 ) -> Result<(Measured, FieldDifference, Residuals), Failure> {
-    measure(scene, lattice, tree, look(precision), budget).map_err(|error| {
-        let failure = Failure::failed("cannot measure the file");
-        match error {
-            TrialError::Plan(plan) => {
-                failure.because(plan).hint(needed(held, bricks, plan.enough().unwrap_or(0)))
-            }
-            error => failure.because(error),
-        }
-    })
+    let open = |bytes: u64| paged(open().map_err(VdbReadError::from)?, bytes);
+    let found = measure(scene, lattice, open, look(precision), budget.saturating_sub(besides));
+    found.map_err(|error| unmeasured(path, error, besides))
+}
+
+/// Refuses where there is no memory to measure what is baked of a plan, in a process that takes some besides.
+pub(super) fn check(plan: &Plan, precision: Precision, [budget, besides]: [u64; 2]) -> Result<(), Failure> {
+    let needed = measuring(look(precision), plan);
+    if budget >= besides.saturating_add(needed) {
+        return Ok(());
+    }
+    Err(large(needed, besides))
+}
+
+/// Of a file that takes so many bytes to be measured, in a process that takes some besides.
+fn large(needed: u64, besides: u64) -> Failure {
+    Failure::failed("the file takes too much memory to be measured")
+        .hint(format!("allow more with --memory {}", enough(besides.saturating_add(needed))))
+}
+
+/// Why a file could not be measured in a process that takes so many bytes besides.
+pub(super) fn unmeasured(path: &Path, error: TrialError, besides: u64) -> Failure {
+    match error {
+        // What is found out later may take a little more.
+        TrialError::Memory { needed } => large(needed.saturating_add(needed / 16), besides),
+        TrialError::Read(error) => Failure::input(format!("cannot read {}", path.display())).because(error),
+        error => Failure::failed("cannot measure the file").because(error),
+    }
 }
 
 /// A file that was written and has no name yet.
@@ -154,10 +139,6 @@ pub(super) struct Made<'a> {
     pub(super) header: &'a FileHeader,
     /// The hash of all values.
     pub(super) content: &'a str,
-    /// Bytes of the memory that its bake holds, and that it would hold of one that is not short.
-    pub(super) held: [u64; 2],
-    /// Bricks of its plan.
-    pub(super) bricks: u64,
 }
 
 /// What it is certified to be, unless it misses what is asked for.
@@ -166,15 +147,14 @@ pub(super) fn certified(
     chosen: &Chosen,
     round: u32,
 ) -> Result<Result<Certificate, Miss>, Failure> {
-    let Made { job, output, path, header, content, held, bricks } = made;
-    let mut file = output.file();
-    file.rewind().map_err(|error| disk::failure(path, error.into()))?;
-    let budget = job.budget().saturating_sub(held[0] + PROGRAM);
-    let large = Failure::failed("the file takes too much memory to be measured");
-    let besides = [held[1], *bricks];
-    let tree = read(file, path, budget, besides, large)?;
-    let precision = job.encoder.precision();
-    let (measured, found, _) = measured(&job.scene, job.lattice, tree, precision, budget, besides)?;
+    let Made { job, output, path, header, content } = made;
+    let open = || {
+        let mut file = output.file();
+        file.rewind().map(|()| file)
+    };
+    let memory = [job.budget(), job.process()];
+    let (measured, found, _) =
+        measured(&job.scene, job.lattice, (path, &open), job.encoder.precision(), memory)?;
     let mut goal = None;
     if let Some(asked) = chosen.goal {
         // Of nothing nothing is missed.

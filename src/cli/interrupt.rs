@@ -1,6 +1,6 @@
 //! Ctrl-C and requests to terminate, so that no partial file stays behind.
 
-use std::io::{self, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -101,6 +101,18 @@ impl<S: Sink> Sink for Watched<'_, S> {
             return Err(Stopped::Interrupted);
         }
         self.inner.append(run).map_err(Stopped::Sink)
+    }
+}
+
+impl<R: Read> Read for Watched<'_, R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.inner.read(bytes)
+    }
+}
+
+impl<S: Seek> Seek for Watched<'_, S> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.inner.seek(to)
     }
 }
 

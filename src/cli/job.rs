@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::frames::Frames;
 use super::memory::{self, Amount, Need};
 use super::recipe::{Recipe, Settings, antialias_name, compression_name, precision_name};
-use super::{Failure, text};
+use super::{Failure, machine, text};
 use crate::field::{self, Field};
 use crate::formats::vdb::{
     self, Compression, Encoder, FileHeader, GridBound, GridClass, GridHeader, Precision, VdbGridBuilder,
@@ -200,6 +200,11 @@ impl Source {
         self.lattice.voxel_size
     }
 
+    /// Takes what the process took so far for what it takes without bricks, whatever searches take and give back.
+    pub(super) fn settle_resident(&self) {
+        self.resident.get_or_init(memory::resident);
+    }
+
     /// Settles another voxel size, in metres.
     pub(super) fn set_voxel_size(&mut self, voxel_size: f64) {
         self.lattice = Lattice { voxel_size };
@@ -306,13 +311,19 @@ impl Job {
         self.resident
     }
 
+    /// Bytes that the process has now beyond those: what a search took, and the allocator keeps for what comes, though not all
+    /// of that may find room in it.
+    pub(super) fn kept(&self) -> u64 {
+        machine::memory().unwrap_or(0).saturating_sub(self.resident)
+    }
+
     /// Bytes to work in.
     pub(super) fn budget(&self) -> u64 {
         self.budget.bytes()
     }
 
     /// The part of the memory that does not depend on the plan.
-    fn process(&self) -> u64 {
+    pub(super) fn process(&self) -> u64 {
         memory::process(self.resident, self.scene.text().len())
     }
 
@@ -342,7 +353,7 @@ impl Job {
                 clippy::cast_sign_loss,
                 reason = "bytes, and saturating"
             )]
-            Err(error @ PlanError::TooMany { bricks }) => Err(Misfit::Memory {
+            Err(error @ PlanError::TooMany { bricks, .. }) => Err(Misfit::Memory {
                 bricks: None,
                 need: process as f64 + bricks / CONTACTS * memory::BRICK as f64,
                 // Planned, and then baked: no brick counts less than once.
@@ -478,7 +489,7 @@ impl Job {
 }
 
 /// Bytes that searches for a voxel size and small bakes can do with.
-pub(super) const SEARCH: u64 = 48 << 20;
+pub(super) const SEARCH: u64 = 32 << 20;
 
 /// Why a voxel size cannot be baked.
 #[derive(Debug)]

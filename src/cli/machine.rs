@@ -70,6 +70,11 @@ pub(super) fn peak_memory() -> Option<u64> {
     field_in_kib("/proc/self/status", "VmHWM:")
 }
 
+/// Resident size of this process now, in bytes; `None` where the system does not tell.
+pub(super) fn memory() -> Option<u64> {
+    field_in_kib("/proc/self/status", "VmRSS:")
+}
+
 /// Bytes that a folder's disk has free; `None` where the system does not tell.
 pub(super) fn free_space(folder: &Path) -> Option<u64> {
     fs4::available_space(folder).ok()

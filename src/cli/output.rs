@@ -5,7 +5,7 @@
 //! by the name what was meant to become it, by the lock that nobody is at it any more, and removes it.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, BufWriter, Seek, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -92,12 +92,6 @@ impl Output {
     /// What to write to.
     pub(super) fn file(&self) -> &File {
         self.temporary.as_file()
-    }
-
-    /// Forgets what was written.
-    pub(super) fn restart(&self) -> io::Result<()> {
-        self.file().set_len(0)?;
-        self.file().rewind()
     }
 
     /// Makes sure of what was written.

@@ -187,7 +187,7 @@ fn cannot(error: TrialError) -> Failure {
     /// Bytes for each brick, with room to spare: it is planned, baked, written, read and drawn.
     const BRICK: f64 = 32768.0;
     match error {
-        TrialError::Plan(error @ PlanError::TooMany { bricks }) => {
+        TrialError::Plan(error @ PlanError::TooMany { bricks, .. }) => {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
             let bytes = PROGRAM.saturating_add((BRICK * bricks) as u64);
             Failure::failed(error.to_string())

@@ -9,15 +9,15 @@ use serde::{Deserialize, Serialize};
 
 use super::compare::figure;
 use super::interrupt::Interrupt;
-use super::memory::{Amount, PROGRAM, room_for};
+use super::memory::{Amount, PROGRAM, resident, room_for};
 use super::output::save;
 use super::recipe::{CREATOR, antialias_name};
-use super::{Failure, Global, certify, embedded, text};
+use super::{Failure, Global, certify, embedded, machine, text};
 use crate::field::{Field, Lattice};
 use crate::formats::npy::{self, Array, Values};
 use crate::formats::vdb::{FileInfo, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
 use crate::report::{
-    Certificate, FieldDifference, Measured, Rederived, Residuals, content_hash, rederive, rows,
+    Certificate, FieldDifference, Measured, Rederived, Residuals, TrialError, content_hash, rederive, rows,
 };
 use crate::scene::Scene;
 use crate::scene::limit::ANY;
@@ -25,6 +25,8 @@ use crate::volume::{Plan, Precision};
 
 /// Figures of a certificate are the same on every run, but for what JSON keeps of them.
 const SAME: f64 = 1e-9;
+/// Bytes for bricks that are baked again, and the leaves that they are held against.
+const BAKING: u64 = 8 << 20;
 /// Faults of a certificate that are shown: one altered voxel changes most of its figures.
 const SHOWN: usize = 5;
 
@@ -91,6 +93,7 @@ struct Report {
     certificate_beside: Option<Beside>,
     /// Files that were written.
     exported: Vec<String>,
+    peak_rss_bytes: Option<u64>,
     holds: bool,
 }
 
@@ -135,7 +138,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
 
 fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Result<Report, Failure> {
     let path = &arguments.file;
-    let budget = arguments.memory.unwrap_or_else(Amount::installed).bytes().saturating_sub(PROGRAM);
+    let memory = Amount::settle(arguments.memory);
+    let budget = memory.bytes().saturating_sub(PROGRAM);
     let FileInfo { metadata, grids, .. } = info(path, budget)?;
     let creator = match metadata.get("creator") {
         Some(Meta::String(creator)) => creator.clone(),
@@ -166,27 +170,38 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     }
     text("vdbake_scene")?;
     optional("vdbake_inputs")?;
-    let scene =
-        embedded::scene(&metadata, path, arguments.inputs.as_deref(), Amount::settle(arguments.memory))?;
+    let scene = embedded::scene(&metadata, path, arguments.inputs.as_deref(), memory)?;
     let scene = scene.ok_or_else(|| foreign(path, "vdbake_scene", &creator))?.at(recipe.time)?;
     let own = optional(certify::CERTIFICATE)?;
     let lattice = Lattice { voxel_size: recipe.voxel_size };
     let mut field = Field::compile(&scene);
     field.widen(lattice);
-    let plan = Plan::new(&field, lattice, budget).map_err(|error| {
+    let process = PROGRAM.max(resident());
+    let besides = process.saturating_add(BAKING);
+    let plan = Plan::new(&field, lattice, memory.bytes().saturating_sub(besides)).map_err(|error| {
         let failure = Failure::failed("the bricks cannot be planned").because(error);
-        room_for(error, PROGRAM).into_iter().fold(failure, Failure::hint)
+        room_for(error, besides).into_iter().fold(failure, Failure::hint)
     })?;
-    let besides = [0, plan.bricks() as u64];
-    let tree = certify::density(open(path)?, path, budget, besides[1])?;
+    if own.is_some() || arguments.export.is_some() {
+        certify::check(&plan, precision, [memory.bytes(), process])?;
+    }
+    let held = besides.saturating_add(plan.memory() as u64);
+    let unread = |error: TrialError| match error {
+        TrialError::Read(VdbReadError::Memory { needed, .. }) => {
+            certify::unmeasured(path, TrialError::Memory { needed }, held)
+        }
+        error => certify::unmeasured(path, error, held),
+    };
+    let mut leaves = certify::paged(open(path)?, memory.bytes().saturating_sub(held)).map_err(unread)?;
 
     let stated = text("vdbake_content_hash")?.to_owned();
-    let found = text::hexadecimal(&content_hash(&tree));
+    let found = text::hexadecimal(&content_hash(&mut leaves).map_err(|error| unread(error.into()))?);
     let content = Check { holds: stated == found, stated, found };
     interrupt.check()?;
 
-    let Rederived { bricks, differ, first, outside } =
-        rederive(&tree, &field, &plan, scene.bake().cutoff, precision, arguments.bricks);
+    let rederived = rederive(&mut leaves, &field, &plan, scene.bake().cutoff, precision, arguments.bricks);
+    let Rederived { bricks, differ, first, outside } = rederived.map_err(|error| unread(error.into()))?;
+    drop((leaves, plan));
     interrupt.check()?;
 
     let (beside, other) = beside(path, own, &content).unzip();
@@ -194,8 +209,10 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     let certificate = own.map(str::to_owned).or(other.flatten());
     let mut exported = Vec::new();
     let certified = if certificate.is_some() || arguments.export.is_some() {
+        let memory = [memory.bytes(), process];
+        let open = || File::open(path);
         let (measured, found, residuals) =
-            certify::measured(&scene, lattice, tree, precision, budget, besides)?;
+            certify::measured(&scene, lattice, (path, &open), precision, memory)?;
         if let Some(folder) = &arguments.export {
             exported = export(folder, &residuals, interrupt)?;
         }
@@ -232,6 +249,7 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
         certificate: certified,
         certificate_beside: beside,
         exported,
+        peak_rss_bytes: machine::peak_memory(),
         holds,
     })
 }

@@ -15,10 +15,11 @@ pub fn around(plan: &Plan, margin: f64, count: usize, stream: u64) -> Spread {
         return Spread { points: vec![], volume: 0.0 };
     }
     let mut draws = count.max(1);
-    let mut points = draw(plan, margin, draws, stream);
+    let mut points = draw(plan, margin, draws, stream, count);
     if points.len() < count {
         draws = (draws * count / points.len().max(1)).min(MOST * draws);
-        points = draw(plan, margin, draws, stream);
+        drop(points);
+        points = draw(plan, margin, draws, stream, count);
     }
     let edge = (8.0 + 2.0 * margin) * plan.lattice().voxel_size;
     #[allow(clippy::cast_precision_loss, reason = "counts")]
@@ -26,7 +27,10 @@ pub fn around(plan: &Plan, margin: f64, count: usize, stream: u64) -> Spread {
     Spread { points, volume: bricks * edge * edge * edge * part }
 }
 
-fn draw(plan: &Plan, margin: f64, draws: usize, stream: u64) -> Vec<DVec3> {
+/// About `count` points.
+fn draw(plan: &Plan, margin: f64, draws: usize, stream: u64, count: usize) -> Vec<DVec3> {
+    /// Draws whose points are put behind those of others at once.
+    const TOGETHER: usize = 1 << 14;
     let h = plan.lattice().voxel_size;
     #[allow(
         clippy::cast_precision_loss,
@@ -48,7 +52,12 @@ fn draw(plan: &Plan, margin: f64, draws: usize, stream: u64) -> Vec<DVec3> {
         let corner = DVec3::from(block.map(|b| 8.0 * b as f64));
         first.then(|| (corner + local) * h)
     };
-    (0..draws).into_par_iter().filter_map(point).collect()
+    let mut points = Vec::with_capacity(count + count / 16);
+    for first in (0..draws).step_by(TOGETHER) {
+        let together = first..draws.min(first + TOGETHER);
+        points.extend(together.into_par_iter().filter_map(point).collect::<Vec<_>>());
+    }
+    points
 }
 
 /// The bricks around which a place of a brick lies, by their distance from it in bricks.

@@ -4,18 +4,22 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::around::around;
-use super::errors::{Errors, Intervals};
+use super::errors::{Errors, Intervals, intervals};
 use super::exact::Exact;
-use super::field::{Depth, FieldDifference, Mass, Residuals, compare_at};
+use super::field::{Depth, FieldDifference, Mass, Residuals, chords_of};
 use super::goal::Goal;
+use super::paged::{Leaves, Paged, SUPPORT};
 use super::parts::Parts;
 use super::search::Step;
-use super::source::{Gridded, Source};
+use super::source::Source;
+use super::support::Spread;
 use super::survey::{Look, MARGIN, MORE, Survey, is_vague};
-use super::trial::{TrialError, rows};
+use super::trial::{Pilot, TrialError, rows};
 use crate::field::Lattice;
+use crate::formats::vdb::VdbReadError;
+use crate::num::Level;
 use crate::scene::Scene;
-use crate::volume::{PlanError, Tree};
+use crate::volume::{Plan, PlanError, planned_density_at};
 
 /// A statement about one file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -94,40 +98,145 @@ impl Measured {
 const SEEN: usize = 10_000;
 const MOST: usize = 16;
 
+/// Bytes of a point and what is known of it: its place, the truth, the file's value, those between, and the error.
+const POINT: u64 = 64;
+/// Bytes besides, for those that are evaluated at once.
+const WORK: u64 = 4 << 20;
+/// Bytes of each thread.
+const THREAD: u64 = 384 << 10;
+/// Bytes that a file's leaves are read in at least, and those of one.
+const READING: u64 = 3 << 20;
+const LEAF: u64 = 2048;
+/// The part of what is left that stays free, for what allocators keep to themselves.
+const SPARE: u64 = 8;
+/// Bytes of a leaf that is not in memory: its place and mask, and what finds it.
+const PLACE: u64 = 112;
+
+/// The memory that there is to measure in. One thing after the other is held in it beside the points: the bricks of a plan, or
+/// the leaves of a file.
+#[derive(Debug, Clone, Copy)]
+struct Room(u64);
+
+impl Room {
+    /// What is left beside so many points.
+    fn beside(self, points: usize) -> Result<u64, TrialError> {
+        let held = Room::held(points);
+        self.0.checked_sub(held).ok_or(TrialError::Memory { needed: held.saturating_add(READING) })
+    }
+
+    fn held(points: usize) -> u64 {
+        let threads = THREAD * rayon::current_num_threads() as u64;
+        // There may be some more than were asked for.
+        (points as u64 + points as u64 / 16) * POINT + WORK + threads
+    }
+
+    /// What is made in the memory beside so many points.
+    fn make<T>(self, points: usize, make: impl FnOnce(u64) -> Result<T, PlanError>) -> Result<T, TrialError> {
+        make(self.beside(points)?).map_err(|error| Room::refusal(points, error))
+    }
+
+    /// Of what has no room beside so many points.
+    fn refusal(points: usize, error: PlanError) -> TrialError {
+        match error.enough() {
+            Some(enough) => TrialError::Memory { needed: enough.saturating_add(Room::held(points)) },
+            None => error.into(),
+        }
+    }
+}
+
 /// Points where there is density, or voxels have it.
-fn seen(residuals: &Residuals) -> usize {
-    let [truth, values] = &residuals.values;
+fn seen([truth, values]: &[Vec<f64>; 2]) -> usize {
     truth.iter().zip(values).filter(|(truth, value)| **truth != 0.0 || **value != 0.0).count()
 }
 
 /// Measures a file's values against the definition of its scene's density, at points over all that the bake shows and along
-/// rays through them: the same figures at every run. On the current `rayon` pool.
+/// rays through them: the same figures at every run, in any memory. On the current `rayon` pool. `open` gives the values, within
+/// so many bytes, and is called several times, since nothing that large is kept beside another.
 ///
 /// # Errors
 ///
-/// Where the bricks cannot be planned in `budget` bytes.
-pub fn measure(
+/// Where `budget` bytes are too few, and those of `open`.
+pub fn measure<L: Leaves>(
     scene: &Scene,
     lattice: Lattice,
-    tree: Tree<f32>,
+    open: impl Fn(u64) -> Result<L, TrialError>,
     look: Look,
     budget: u64,
 ) -> Result<(Measured, FieldDifference, Residuals), TrialError> {
-    let survey = Survey::new(scene, look, budget);
-    let lot = survey.pilot().at(lattice)?;
-    let whole = lot.whole()?;
-    let places = |points: usize| around(&whole, MARGIN, points, look.stream);
-    let exact = Exact::new(scene, lattice, budget)?;
-    // A voxel size is above 0, so its map has an inverse.
-    let file = Gridded::new(tree, rows(lattice), look.filter).ok_or(PlanError::TooWide)?;
-    let compared = |points| compare_at(&exact, &file as &dyn Source, &places(points), look.rays);
-    let (mut found, mut residuals) = compared(look.points);
+    let room = Room(budget);
+
     let mut points = look.points;
-    while (is_vague(found.intervals.as_ref()) || seen(&residuals) < SEEN) && points < MOST * look.points {
+    let (spread, kernel, values, bounds) = loop {
+        let (spread, kernel) = room.make(points, |bytes| {
+            let (field, whole) = Pilot::new(scene, bytes).whole(lattice)?;
+            let spread = around(&whole, MARGIN, points, look.stream);
+            let kernel = planned_density_at(&field, &whole, &spread.points, Level::best());
+            Ok((spread, kernel))
+        })?;
+        let exact = room.make(points, |bytes| Exact::new(scene, lattice, bytes))?;
+        let truth = exact.values(&spread.points);
+        let mut bounds = [exact.support().bounds(), None];
+        drop(exact);
+        let mut file = opened(&open, room, points, lattice, look)?;
+        bounds[1] = file.support().bounds();
+        let values = [truth, file.values(&spread.points)?];
+        drop(file);
+        let held = intervals(&values[0], &values[1]);
+        let tells = !is_vague(held.as_ref()) && seen(&values) >= SEEN;
+        if tells || points >= MOST * look.points {
+            break (spread, kernel, values, bounds);
+        }
         points *= MORE;
-        (found, residuals) = compared(points);
-    }
-    let [truth, values] = &residuals.values;
-    let parts = survey.parts_of(&lot, &residuals.points, truth, values)?;
+    };
+    let Spread { points: places, volume } = spread;
+    let chords = chords_of(bounds, &places, look.rays);
+    let of_truth = room.make(points, |bytes| Exact::new(scene, lattice, bytes))?.depths(&chords);
+    let of_file = opened(&open, room, points, lattice, look)?.depths(&chords)?;
+    let residuals = Residuals { points: places, values, chords, depths: [of_truth, of_file] };
+    let found = residuals.difference(volume);
+    let [truth, stored] = &residuals.values;
+    let survey = Survey::new(scene, look, room.beside(points)?);
+    let kernel: Vec<f64> = kernel.into_iter().map(f64::from).collect();
+    let parts = survey.parts_at(lattice, &residuals.points, [truth, stored], &kernel);
+    let parts = parts.map_err(|error| match error {
+        TrialError::Plan(error) => Room::refusal(points, error),
+        error => error,
+    })?;
     Ok((Measured::new(found.clone(), parts), found, residuals))
+}
+
+/// Bytes that [`measure`] takes at most of a file that was baked of these bricks, unless more points are needed than it begins
+/// with.
+pub fn measuring(look: Look, plan: &Plan) -> u64 {
+    /// Parts of the memory of the bake's plan that one with its surroundings takes more.
+    const AROUND: u64 = 2;
+    let making = plan.making() as u64;
+    let file = READING + PLACE * plan.bricks() as u64;
+    Room::held(look.points) + file.max(making + making / AROUND)
+}
+
+/// A file beside so many points.
+fn opened<L: Leaves>(
+    open: &impl Fn(u64) -> Result<L, TrialError>,
+    room: Room,
+    points: usize,
+    lattice: Lattice,
+    look: Look,
+) -> Result<Paged<L>, TrialError> {
+    let bytes = room.beside(points)?;
+    let beside = |needed: u64| TrialError::Memory {
+        needed: Room::held(points).saturating_add(needed).saturating_add(READING),
+    };
+    let Some(within) = bytes.checked_sub(READING) else { return Err(beside(0)) };
+    let leaves = open(within).map_err(|error| match error {
+        TrialError::Read(VdbReadError::Memory { needed, .. }) => beside(needed),
+        error => error,
+    })?;
+    // Its support lists all leaves.
+    let taken = leaves.memory().saturating_add(SUPPORT * leaves.tree().leaf_count() as u64);
+    let left = within.checked_sub(taken).ok_or(beside(taken))?;
+    #[allow(clippy::cast_possible_truncation, reason = "saturates")]
+    let most = ((left - left / SPARE + READING / 2) / LEAF).min(usize::MAX as u64) as usize;
+    // A voxel size is above 0, so its map has an inverse.
+    Ok(Paged::new(leaves, rows(lattice), look.filter, most).ok_or(PlanError::TooWide)?)
 }

@@ -104,56 +104,64 @@ pub fn compare_at(
     rays: usize,
 ) -> (FieldDifference, Residuals) {
     let Spread { points, volume } = places;
-    let volume = *volume;
-    let [of_a, of_b] = [a, b].map(|source| source.values(points));
-    let errors = Errors::new(of_a.iter().copied().zip(of_b.iter().copied()), None);
-    let intervals = intervals_of(&of_a, &of_b);
-    let pairs = || of_a.iter().zip(&of_b).zip(points);
-    let finite = |a: f64, b: f64| a.is_finite() && b.is_finite();
-    let worst = pairs()
-        .filter(|((a, b), _)| finite(**a, **b))
-        .map(|((a, b), point)| ((b - a).abs(), point))
-        .filter(|(difference, _)| *difference > 0.0)
-        .max_by(|x, y| x.0.total_cmp(&y.0));
-    let not_finite_at = pairs().find(|((a, b), _)| !finite(**a, **b)).map(|(_, point)| point.to_array());
-
-    let bounds = match (a.support().bounds(), b.support().bounds()) {
-        (Some([low, high]), Some([l, h])) => Some([low.min(l), high.max(h)]),
-        (one, other) => one.or(other),
-    };
-    let chords = bounds.map_or_else(Vec::new, |bounds| chords(bounds, points, rays));
-    let [along_a, along_b] = [a, b].map(|source| source.depths(&chords));
-    let along = Errors::new(along_a.iter().copied().zip(along_b.iter().copied()), None);
-    let along_held = intervals_of(&along_a, &along_b);
-
+    let values = [a, b].map(|source| source.values(points));
+    let chords = chords_of([a.support().bounds(), b.support().bounds()], points, rays);
+    let depths = [a, b].map(|source| source.depths(&chords));
     let same = a.support().shares_lattice(b.support());
     let voxels = match (a.voxels(), b.voxels()) {
         (Some(x), Some(y)) if same => Some(voxel_by_voxel(x, y, a.support().voxel_volume())),
         _ => None,
     };
-    let found = FieldDifference {
-        points: points.len() as u64,
-        volume,
-        mass: mass([&of_a, &of_b], volume, intervals.as_ref()),
-        intervals,
-        worst: worst.map(|(_, point)| point.to_array()),
-        not_finite_at,
-        optical_depth: Depth {
-            rays: chords.len() as u64,
-            not_finite: along.not_finite,
-            rms: along.rms,
-            peak: along.peak,
-            l1: along.l1,
-            l2: along.l2,
-            max: along.max,
-            relative_l2: along_held.and_then(|held| held.relative_l2),
-        },
-        voxels,
-        errors,
+    let residuals = Residuals { points: points.clone(), values, chords, depths };
+    (FieldDifference { voxels, ..residuals.difference(*volume) }, residuals)
+}
+
+/// Up to `rays` rays through points, cut to the box around two others.
+pub(super) fn chords_of(bounds: [Option<[DVec3; 2]>; 2], points: &[DVec3], rays: usize) -> Vec<Chord> {
+    let bounds = match bounds {
+        [Some([low, high]), Some([l, h])] => Some([low.min(l), high.max(h)]),
+        [one, other] => one.or(other),
     };
-    let residuals =
-        Residuals { points: points.clone(), values: [of_a, of_b], chords, depths: [along_a, along_b] };
-    (found, residuals)
+    bounds.map_or_else(Vec::new, |bounds| chords(bounds, points, rays))
+}
+
+impl Residuals {
+    /// How the second field differs from the first, over so many metres^3; not voxel by voxel.
+    pub fn difference(&self, volume: f64) -> FieldDifference {
+        let Residuals { points, values: [of_a, of_b], chords, depths: [along_a, along_b] } = self;
+        let errors = Errors::new(of_a.iter().copied().zip(of_b.iter().copied()), None);
+        let intervals = intervals_of(of_a, of_b);
+        let pairs = || of_a.iter().zip(of_b).zip(points);
+        let finite = |a: f64, b: f64| a.is_finite() && b.is_finite();
+        let worst = pairs()
+            .filter(|((a, b), _)| finite(**a, **b))
+            .map(|((a, b), point)| ((b - a).abs(), point))
+            .filter(|(difference, _)| *difference > 0.0)
+            .max_by(|x, y| x.0.total_cmp(&y.0));
+        let not_finite_at = pairs().find(|((a, b), _)| !finite(**a, **b)).map(|(_, point)| point.to_array());
+        let along = Errors::new(along_a.iter().copied().zip(along_b.iter().copied()), None);
+        let along_held = intervals_of(along_a, along_b);
+        FieldDifference {
+            points: points.len() as u64,
+            volume,
+            mass: mass([of_a, of_b], volume, intervals.as_ref()),
+            intervals,
+            worst: worst.map(|(_, point)| point.to_array()),
+            not_finite_at,
+            optical_depth: Depth {
+                rays: chords.len() as u64,
+                not_finite: along.not_finite,
+                rms: along.rms,
+                peak: along.peak,
+                l1: along.l1,
+                l2: along.l2,
+                max: along.max,
+                relative_l2: along_held.and_then(|held| held.relative_l2),
+            },
+            voxels: None,
+            errors,
+        }
+    }
 }
 
 /// From the mean over points at which both are finite.

@@ -25,18 +25,16 @@ impl Chord {
         [from, to]: [f64; 2],
         step: f64,
         rule: &[[f64; 2]],
-        nodes: &mut Vec<(DVec3, f64)>,
-    ) {
+    ) -> impl Iterator<Item = (DVec3, f64)> {
         let pieces = ((to - from) / step).ceil().max(1.0);
         let length = (to - from) / pieces;
-        let mut piece = 0.0;
-        while piece < pieces {
-            for [place, weight] in rule {
-                let t = from + (piece + place) * length;
-                nodes.push((self.origin + self.direction * t, weight * length));
-            }
-            piece += 1.0;
-        }
+        let place = move |(piece, place): (f64, f64)| {
+            self.origin + self.direction * (from + (piece + place) * length)
+        };
+        let numbers = std::iter::successors(Some(0.0), move |piece| Some(piece + 1.0));
+        numbers.take_while(move |piece| *piece < pieces).flat_map(move |piece| {
+            rule.iter().map(move |[at, weight]| (place((piece, *at)), weight * length))
+        })
     }
 }
 
@@ -110,6 +108,16 @@ impl Walk {
     /// The cell from whose near face the walk goes on; `None` at the end.
     pub(super) fn cell(&self) -> Option<[i64; 3]> {
         (self.t < self.end && self.left > 0.0).then_some(self.cell)
+    }
+
+    /// The same way through a lattice this many times as fine.
+    pub(super) fn scaled(&self, finer: f64) -> Walk {
+        Walk::new([self.origin * finer, self.step * finer], [self.t, self.end])
+    }
+
+    /// How far it has come.
+    pub(super) fn t(&self) -> f64 {
+        self.t
     }
 
     pub(super) fn at(&self, t: f64) -> DVec3 {

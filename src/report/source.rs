@@ -72,7 +72,7 @@ impl Procedural {
 
 /// Points of the quadrature in a stretch of at most a voxel.
 const NODES: u32 = 4;
-/// Points of the quadrature that are held at once, about.
+/// Points of the quadrature of chords that are evaluated together, about.
 const BATCH: f64 = 131_072.0;
 /// Points that are evaluated at once: each may lie in a brick of its own, which takes 2 KiB.
 const TOGETHER: usize = 8192;
@@ -101,15 +101,25 @@ impl Source for Procedural {
         let most = f64::from(NODES) * (1.5 * longest / h + 8.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 1 to 4096")]
         let together = (BATCH / most).clamp(1.0, 4096.0) as usize;
-        let mut depths = Vec::with_capacity(chords.len());
-        for chords in chords.chunks(together) {
-            let nodes: Vec<Vec<(DVec3, f64)>> =
-                chords.par_iter().map(|chord| self.nodes(chord, &rule)).collect();
-            let points: Vec<DVec3> = nodes.iter().flatten().map(|(point, _)| *point).collect();
-            let mut values = self.values(&points).into_iter();
-            depths.extend(nodes.iter().map(|nodes| {
-                nodes.iter().zip(&mut values).map(|((_, weight), value)| weight * value).sum::<f64>()
-            }));
+        let mut depths = vec![0.0; chords.len()];
+        let mut nodes = Vec::with_capacity(TOGETHER);
+        let mut take = |nodes: &mut Vec<(usize, DVec3, f64)>| {
+            let points: Vec<DVec3> = nodes.iter().map(|(_, point, _)| *point).collect();
+            for ((number, _, weight), value) in nodes.iter().zip(self.values(&points)) {
+                depths[*number] += weight * value;
+            }
+            nodes.clear();
+        };
+        for (batch, chords) in chords.chunks(together).enumerate() {
+            for (number, chord) in chords.iter().enumerate() {
+                self.nodes(chord, &rule, |point, weight| {
+                    nodes.push((together * batch + number, point, weight));
+                    if nodes.len() == TOGETHER {
+                        take(&mut nodes);
+                    }
+                });
+            }
+            take(&mut nodes);
         }
         depths
     }
@@ -120,20 +130,17 @@ impl Source for Procedural {
 }
 
 impl Procedural {
-    /// Places and weights of a chord's quadrature.
-    fn nodes(&self, chord: &Chord, rule: &[[f64; 2]]) -> Vec<(DVec3, f64)> {
-        let mut nodes = Vec::new();
-        let Some(([origin, step], range)) = within(&self.support, chord, 0.0) else { return nodes };
+    /// Calls `visit` with the places and weights of a chord's quadrature.
+    fn nodes(&self, chord: &Chord, rule: &[[f64; 2]], mut visit: impl FnMut(DVec3, f64)) {
+        let Some(([origin, step], range)) = within(&self.support, chord, 0.0) else { return };
         let h = self.plan.lattice().voxel_size;
         let mut walk = Walk::new([(origin + 0.5) / 8.0, step / 8.0], range);
         while let Some(brick) = walk.cell() {
             let [from, to] = walk.leave([brick, brick.map(|b| b + 1)]);
-            if self.plan.find(brick).is_none() {
-                continue;
+            if self.plan.find(brick).is_some() {
+                chord.stretches([from, to], h, rule).for_each(|(point, weight)| visit(point, weight));
             }
-            chord.stretches([from, to], h, rule, &mut nodes);
         }
-        nodes
     }
 }
 
@@ -153,31 +160,66 @@ impl<T: Sampled<Wide = f64>> Gridded<T> {
         let support = Support::new(rows, leaves.chain(tiles))?;
         Some(Gridded { tree, filter, support })
     }
+}
 
-    /// The integral along a chord: exact for the nearest voxel's value and for trilinear ones, and for cubic ones where nothing
-    /// is clamped.
-    fn depth(&self, chord: &Chord, rule: &[[f64; 2]]) -> f64 {
-        let background = self.tree.background().wide();
+/// The integral along a chord through a grid's filtered values, as far as it has come: exact for the nearest voxel's value and
+/// for trilinear ones, and for cubic ones where nothing is clamped.
+#[derive(Debug)]
+pub(super) struct Line {
+    /// The rest of the way; `None` where there is none through the grid. Shifted so that each cell has one filter.
+    walk: Option<Walk>,
+    sum: f64,
+}
+
+/// Where a filter's cells lie to its voxels: what is added to a place in index space to be in a cell of whole coordinates, and
+/// the voxels before and behind those of a cell that the filter takes. A cell lies between voxels, or is one.
+pub(super) fn cells(filter: Filter) -> (f64, i64, i64) {
+    match filter {
+        Filter::Nearest => (0.5, 0, 0),
+        Filter::Trilinear => (0.0, 0, 1),
+        Filter::Cubic => (0.0, 1, 2),
+    }
+}
+
+impl Line {
+    /// At the beginning of a chord through what has this support.
+    pub(super) fn new(chord: &Chord, support: &Support, filter: Filter, background: f64) -> Line {
         let whole = chord.range[1] - chord.range[0];
         // Beyond two voxels from the outermost all is background.
-        let Some(([origin, step], range)) = within(&self.support, chord, 2.0) else {
-            return if background == 0.0 { 0.0 } else { whole * background };
+        let Some(([origin, step], range)) = within(support, chord, 2.0) else {
+            return Line { walk: None, sum: if background == 0.0 { 0.0 } else { whole * background } };
         };
-        let mut sum = if background == 0.0 { 0.0 } else { (whole - (range[1] - range[0])) * background };
-        // Voxels before and behind those of a cell that a filter takes: a cell lies between voxels, or is one.
-        let (shift, before, behind) = match self.filter {
-            Filter::Nearest => (0.5, 0, 0),
-            Filter::Trilinear => (0.0, 0, 1),
-            Filter::Cubic => (0.0, 1, 2),
-        };
-        let mut sampler = Sampler::new(&self.tree, self.filter);
-        let mut accessor = Accessor::new(&self.tree);
-        let mut walk = Walk::new([origin + shift, step], range);
-        while let Some(cell) = walk.cell() {
+        let sum = if background == 0.0 { 0.0 } else { (whole - (range[1] - range[0])) * background };
+        Line { walk: Some(Walk::new([origin + cells(filter).0, step], range)), sum }
+    }
+
+    /// The integral so far.
+    pub(super) fn sum(&self) -> f64 {
+        self.sum
+    }
+
+    /// The rest of the way, as it is at its beginning, in blocks of 8^3 cells.
+    pub(super) fn blocks(&self) -> Option<Walk> {
+        self.walk.as_ref().map(|walk| walk.scaled(0.125))
+    }
+
+    /// Goes on to the last cell that begins before a place on the chord.
+    pub(super) fn advance<T: Sampled<Wide = f64>>(
+        &mut self,
+        tree: &Tree<T>,
+        filter: Filter,
+        rule: &[[f64; 2]],
+        until: f64,
+    ) {
+        let Line { walk: Some(walk), sum } = self else { return };
+        let (shift, before, behind) = cells(filter);
+        let mut sampler = Sampler::new(tree, filter);
+        let mut accessor = Accessor::new(tree);
+        while let Some(cell) = walk.cell().filter(|_| walk.t() < until) {
             if let Some((cells, value)) = uniform(&mut accessor, cell, before, behind) {
                 let [from, to] = walk.leave(cells);
                 if value.wide() != 0.0 {
-                    sum += (to - from) * value.wide();
+                    *sum += (to - from) * value.wide();
                 }
                 continue;
             }
@@ -187,12 +229,21 @@ impl<T: Sampled<Wide = f64>> Gridded<T> {
             if length > 0.0 {
                 for [place, weight] in rule {
                     let at = walk.at(from + place * length) - shift;
-                    sum += weight * length * sampler.sample(at);
+                    *sum += weight * length * sampler.sample(at);
                 }
             }
         }
-        sum
     }
+}
+
+/// The rule that is exact along a line through a cell: a voxel's value is constant there, a trilinear one of degree 3, a
+/// tricubic one of degree 9.
+pub(super) fn rule(filter: Filter) -> Vec<[f64; 2]> {
+    gauss_legendre(match filter {
+        Filter::Nearest => 1,
+        Filter::Trilinear => 2,
+        Filter::Cubic => 5,
+    })
 }
 
 /// Cells, from the first to before the end.
@@ -225,13 +276,13 @@ impl<T: Sampled<Wide = f64>> Source for Gridded<T> {
     }
 
     fn depths(&self, chords: &[Chord]) -> Vec<f64> {
-        // Along a line a voxel's value is constant, a trilinear one of degree 3, a tricubic one of degree 9.
-        let rule = gauss_legendre(match self.filter {
-            Filter::Nearest => 1,
-            Filter::Trilinear => 2,
-            Filter::Cubic => 5,
-        });
-        chords.par_iter().map(|chord| self.depth(chord, &rule)).collect()
+        let (rule, background) = (rule(self.filter), self.tree.background().wide());
+        let depth = |chord: &Chord| {
+            let mut line = Line::new(chord, &self.support, self.filter, background);
+            line.advance(&self.tree, self.filter, &rule, f64::INFINITY);
+            line.sum()
+        };
+        chords.par_iter().map(depth).collect()
     }
 
     fn voxels(&self) -> Option<&dyn Voxels> {

@@ -17,6 +17,8 @@ pub struct Support {
     to_index: WorldToIndex,
     /// First voxels of cubes of 8^3, 128^3 and 4096^3, each list sorted.
     cubes: [Vec<[i32; 3]>; 3],
+    /// Of the box around them, in index space.
+    bounds: Option<[DVec3; 2]>,
 }
 
 /// A cube of a lattice.
@@ -27,6 +29,9 @@ impl Support {
     pub fn new(rows: Rows, cubes: impl IntoIterator<Item = Cube>) -> Option<Support> {
         let to_index = WorldToIndex::new(&rows)?;
         let mut lists: [Vec<[i32; 3]>; 3] = Default::default();
+        let cubes = cubes.into_iter();
+        // Mostly they are small.
+        lists[0].reserve_exact(cubes.size_hint().0);
         for (origin, log2_edge) in cubes {
             if let Some(level) = LOG2_EDGE.iter().position(|log2| *log2 == log2_edge) {
                 lists[level].push(origin);
@@ -36,7 +41,13 @@ impl Support {
             list.sort_unstable();
             list.dedup();
         }
-        Some(Support { rows, to_index, cubes: lists })
+        let mut support = Support { rows, to_index, cubes: lists, bounds: None };
+        let corners = support.all().map(|(origin, log2)| {
+            let low = DVec3::from(origin.map(f64::from)) - 0.5;
+            [low, low + edge(log2)]
+        });
+        support.bounds = corners.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]);
+        Some(support)
     }
 
     /// The map from the lattice to the world.
@@ -94,11 +105,7 @@ impl Support {
 
     /// The box around all cubes in index space, their voxels' outer faces; `None` where there are none.
     pub fn index_bounds(&self) -> Option<[DVec3; 2]> {
-        let corners = self.all().map(|(origin, log2)| {
-            let low = DVec3::from(origin.map(f64::from)) - 0.5;
-            [low, low + edge(log2)]
-        });
-        corners.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)])
+        self.bounds
     }
 
     /// The box around all cubes in the world.

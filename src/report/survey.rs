@@ -17,7 +17,7 @@ use crate::num::Level;
 use crate::num::quadrature::gauss_legendre;
 use crate::reference::Reference;
 use crate::scene::Scene;
-use crate::volume::{Filter, Plan, Precision, planned_density_at};
+use crate::volume::{Filter, Plan, PlanError, Precision, planned_density_at};
 
 /// How far beside its bricks a bake is looked at, in voxels: as far as a filter may reach and more.
 pub const MARGIN: f64 = 1.0;
@@ -54,8 +54,10 @@ pub struct Survey<'a> {
     exact: Reference,
     look: Look,
     budget: u64,
-    /// Bytes that the last plans took, and bricks of the bake.
-    planned: [AtomicU64; 2],
+    /// Bytes of each brick of a bake, and how many times the budget they may take together with the bake's plan.
+    baked: Option<[u64; 2]>,
+    /// Bytes that the last plans took, or a part of what their bake does.
+    planned: AtomicU64,
 }
 
 impl<'a> Survey<'a> {
@@ -67,22 +69,44 @@ impl<'a> Survey<'a> {
     /// Of a scene that has been compiled.
     pub fn with(scene: &'a Scene, field: Field, look: Look, budget: u64) -> Survey<'a> {
         let (pilot, exact) = (Pilot::with(scene, field, budget), Reference::new(scene, None));
-        Survey { pilot, exact, look, budget, planned: [0; 2].map(AtomicU64::new) }
+        Survey { pilot, exact, look, budget, baked: None, planned: AtomicU64::new(0) }
+    }
+
+    /// The same where also the bake must fit: of the plan's own bytes, and so many for each brick, there may be `times` the
+    /// budget.
+    #[must_use]
+    pub fn for_bakes(self, brick: u64, times: u64) -> Survey<'a> {
+        Survey { baked: Some([brick, times]), ..self }
     }
 
     /// The same look at another scene, held against that one's definition.
     pub fn of<'b>(&self, scene: &'b Scene) -> Survey<'b> {
-        Survey::new(scene, self.look, self.budget)
+        Survey { baked: self.baked, ..Survey::new(scene, self.look, self.budget) }
     }
 
     /// Whether the bricks of a voxel size can be planned.
     pub fn has_room(&self, voxel_size: f64) -> bool {
-        self.pilot.at(Lattice { voxel_size }).and_then(|lot| lot.whole()).is_ok()
+        self.lot(voxel_size).and_then(|lot| lot.whole()).is_ok()
     }
 
-    /// Bytes of the budget that the last error was planned in, and bricks of the bake.
-    pub fn planned(&self) -> [u64; 2] {
-        [0, 1].map(|which| self.planned[which].load(Ordering::Relaxed))
+    /// A bake that has room.
+    fn lot(&self, voxel_size: f64) -> Result<Lot, PlanError> {
+        let lot = self.pilot.at(Lattice { voxel_size })?;
+        let bytes = self.share_of(&lot);
+        #[allow(clippy::cast_precision_loss, reason = "for a message")]
+        let too_many = PlanError::TooMany { bricks: lot.plan.bricks() as f64, bytes: Some(bytes) };
+        if bytes <= self.budget { Ok(lot) } else { Err(too_many) }
+    }
+
+    /// The budget that is enough for the bake.
+    fn share_of(&self, lot: &Lot) -> u64 {
+        let Some([brick, times]) = self.baked else { return 0 };
+        (lot.plan.memory() as u64 + brick * lot.plan.bricks() as u64).div_ceil(times)
+    }
+
+    /// Bytes of the budget that the last error took.
+    pub fn planned(&self) -> u64 {
+        self.planned.load(Ordering::Relaxed)
     }
 
     /// The error at a voxel size in metres by a metric; 0 where there is no density.
@@ -91,13 +115,14 @@ impl<'a> Survey<'a> {
     ///
     /// Where the bricks cannot be planned.
     pub fn error(&self, voxel_size: f64, metric: Metric) -> Result<f64, TrialError> {
-        let lot = self.pilot.at(Lattice { voxel_size })?;
-        let whole = lot.whole()?;
-        let planned = [whole.making().max(lot.plan.making()), lot.plan.bricks()];
-        for (kept, found) in self.planned.iter().zip(planned) {
-            kept.store(found as u64, Ordering::Relaxed);
-        }
-        let mut points = around(&whole, MARGIN, self.look.points, self.look.stream).points;
+        let lot = self.lot(voxel_size)?;
+        let spread = |points: usize| -> Result<Vec<DVec3>, PlanError> {
+            let whole = lot.whole()?;
+            let planned = whole.making().max(lot.plan.making()) as u64;
+            self.planned.store(planned.max(self.share_of(&lot)), Ordering::Relaxed);
+            Ok(around(&whole, MARGIN, points, self.look.stream).points)
+        };
+        let points = spread(self.look.points)?;
         if metric == Metric::OpticalDepth {
             return self.along_rays(&lot, &points);
         }
@@ -105,9 +130,10 @@ impl<'a> Survey<'a> {
             Ok([Exact::at(&self.exact, points), lot.values(points, self.look.filter, self.encoder())?])
         };
         let [mut truth, mut stored] = found(&points)?;
+        drop(points);
         if metric == Metric::L2 && is_vague(intervals(&truth, &stored).as_ref()) {
-            points = around(&whole, MARGIN, MORE * self.look.points, self.look.stream).points;
-            [truth, stored] = found(&points)?;
+            drop((truth, stored));
+            [truth, stored] = found(&spread(MORE * self.look.points)?)?;
         }
         let errors = Errors::new(truth.iter().copied().zip(stored.iter().copied()), None);
         let relative = |part: Option<f64>| part.unwrap_or(f64::INFINITY);
@@ -160,24 +186,45 @@ impl<'a> Survey<'a> {
         truth: &[f64],
         stored: &[f64],
     ) -> Result<Parts, TrialError> {
-        let voxel_size = lot.plan.lattice().voxel_size;
-        let limited = Reference::new(self.pilot.scene(), Some(voxel_size));
-        let single;
-        let voxels = match self.look.precision {
-            Precision::F32 => stored,
-            Precision::F16 => {
-                single = lot.values(points, self.look.filter, Encoder::new(Compression::None))?;
-                &single
-            }
-        };
+        let single = || lot.values(points, self.look.filter, Encoder::new(Compression::None));
+        let single = (self.look.precision == Precision::F16).then(single).transpose()?;
         let kernel = lot.kernel(points)?;
-        Ok(Parts::new(&Chain {
-            truth,
-            limited: &Exact::guided(&limited, points, &kernel),
-            kernel: &kernel,
-            voxels,
-            stored,
-        }))
+        Ok(self.chained(lot.plan.lattice(), points, [truth, stored], single.as_deref(), &kernel))
+    }
+
+    /// The same at a lattice where the kernel's values are known, too; bricks are only planned where it takes them.
+    ///
+    /// # Errors
+    ///
+    /// Where the bricks cannot be planned.
+    pub fn parts_at(
+        &self,
+        lattice: Lattice,
+        points: &[DVec3],
+        [truth, stored]: [&[f64]; 2],
+        kernel: &[f64],
+    ) -> Result<Parts, TrialError> {
+        let single = || {
+            let lot = self.pilot.at(lattice)?;
+            lot.values(points, self.look.filter, Encoder::new(Compression::None))
+        };
+        let single = (self.look.precision == Precision::F16).then(single).transpose()?;
+        Ok(self.chained(lattice, points, [truth, stored], single.as_deref(), kernel))
+    }
+
+    /// `single` are voxels in single precision, where those of the file are not.
+    fn chained(
+        &self,
+        lattice: Lattice,
+        points: &[DVec3],
+        [truth, stored]: [&[f64]; 2],
+        single: Option<&[f64]>,
+        kernel: &[f64],
+    ) -> Parts {
+        let limited = Reference::new(self.pilot.scene(), Some(lattice.voxel_size));
+        let limited = Exact::guided(&limited, points, kernel);
+        let voxels = single.unwrap_or(stored);
+        Parts::new(&Chain { truth, limited: &limited, kernel, voxels, stored })
     }
 
     /// The scene at voxel sizes.
@@ -191,34 +238,40 @@ impl<'a> Survey<'a> {
 
     /// The relative error of optical depths, by Gauss's rule of two points in every stretch of at most a voxel.
     fn along_rays(&self, lot: &Lot, points: &[DVec3]) -> Result<f64, TrialError> {
-        /// Rays that are looked at together.
-        const TOGETHER: usize = 64;
+        /// Places on rays that are looked at together.
+        const TOGETHER: usize = 1 << 14;
         let lattice = lot.plan.lattice();
         let plan = lot.whole()?;
         let Some(bounds) = corners(&plan) else { return Ok(0.0) };
         let field = Field::compile(&unlimited(self.pilot.scene()));
         let exact = Plan::for_extent(&field, lattice, Extent::Whole, self.budget)?;
         let rule = gauss_legendre(2);
-        let mut pairs = Vec::new();
-        for chords in chords(bounds, points, self.look.rays).chunks(TOGETHER) {
-            let nodes: Vec<(usize, DVec3, f64)> = (chords.iter().enumerate())
-                .flat_map(|(number, chord)| {
-                    along(chord, lattice.voxel_size, &rule)
-                        .into_iter()
-                        .map(move |(at, weight)| (number, at, weight))
-                })
-                .filter(|(_, at, _)| near(&plan, *at))
-                .collect();
+        let chords = chords(bounds, points, self.look.rays);
+        let mut depths = vec![(0.0, 0.0); chords.len()];
+        let mut nodes = Vec::with_capacity(TOGETHER);
+        let mut take = |nodes: &mut Vec<(usize, DVec3, f64)>| {
             let places: Vec<DVec3> = nodes.iter().map(|(_, at, _)| *at).collect();
             let stored = lot.values(&places, self.look.filter, self.encoder())?;
             let truth = planned_density_at(&field, &exact, &places, Level::best());
-            let mut depths = vec![(0.0, 0.0); chords.len()];
             for (((number, _, weight), truth), stored) in nodes.iter().zip(truth).zip(stored) {
                 depths[*number].0 += weight * f64::from(truth);
                 depths[*number].1 += weight * stored;
             }
-            pairs.extend(depths);
+            nodes.clear();
+            Ok::<_, TrialError>(())
+        };
+        for (number, chord) in chords.iter().enumerate() {
+            for (at, weight) in along(chord, lattice.voxel_size, &rule) {
+                if near(&plan, at) {
+                    nodes.push((number, at, weight));
+                }
+                if nodes.len() == TOGETHER {
+                    take(&mut nodes)?;
+                }
+            }
         }
+        take(&mut nodes)?;
+        let pairs = depths;
         Ok(Errors::new(pairs.into_iter(), None).l2.of_rms.unwrap_or(f64::INFINITY))
     }
 }
@@ -245,11 +298,8 @@ fn near(plan: &Plan, point: DVec3) -> bool {
 }
 
 /// Places and weights along a chord.
-fn along(chord: &Chord, step: f64, rule: &[[f64; 2]]) -> Vec<(DVec3, f64)> {
+fn along(chord: &Chord, step: f64, rule: &[[f64; 2]]) -> impl Iterator<Item = (DVec3, f64)> {
     let [from, to] = chord.range;
     // No more than a million stretches of each.
-    let step = step.max((to - from) * 1e-6);
-    let mut nodes = Vec::new();
-    chord.stretches([from, to], step, rule, &mut nodes);
-    nodes
+    chord.stretches([from, to], step.max((to - from) * 1e-6), rule)
 }

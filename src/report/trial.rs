@@ -1,5 +1,6 @@
 //! Bakes that are only measured: in memory, of as many bricks as are looked at.
 
+use std::collections::BTreeSet;
 use std::io::Cursor;
 use std::time::Instant;
 
@@ -29,6 +30,12 @@ pub enum TrialError {
     /// What was baked cannot be read.
     #[error(transparent)]
     Read(#[from] VdbReadError),
+    /// There is too little memory.
+    #[error("{needed} bytes of memory are needed")]
+    Memory {
+        /// Bytes that are about enough.
+        needed: u64,
+    },
 }
 
 /// A grid that was baked into a file in memory and read from there, and what that took.
@@ -127,18 +134,33 @@ impl<'a> Pilot<'a> {
     ///
     /// As [`Plan::new`].
     pub fn at(&self, lattice: Lattice) -> Result<Lot, PlanError> {
-        let mut field = self.field.clone();
-        field.widen(lattice);
+        let field = self.widened(lattice);
         let plan = Plan::new(&field, lattice, self.budget)?;
         Ok(Lot { field, plan, cutoff: self.scene.bake().cutoff, budget: self.budget })
+    }
+
+    /// The field at a voxel size, with all bricks and some of their surroundings: what [`Lot::whole`] has, without the bake's.
+    ///
+    /// # Errors
+    ///
+    /// As [`Plan::new`].
+    pub fn whole(&self, lattice: Lattice) -> Result<(Field, Plan), PlanError> {
+        let field = self.widened(lattice);
+        let plan = Plan::for_extent(&field, lattice, Extent::Whole, self.budget)?;
+        Ok((field, plan))
+    }
+
+    fn widened(&self, lattice: Lattice) -> Field {
+        let mut field = self.field.clone();
+        field.widen(lattice);
+        field
     }
 }
 
 impl Lot {
-    /// Bricks that are baked at once.
-    const AT_ONCE: usize = 1 << 13;
-    /// Points whose bricks are, where there are more.
-    const POINTS: usize = 1 << 11;
+    /// Bricks that are baked at once, and for each thread where these are many: some KiB each.
+    const AT_ONCE: usize = 1 << 9;
+    const PER_THREAD: usize = 32;
 
     /// The whole bake.
     ///
@@ -159,7 +181,7 @@ impl Lot {
         const BRICK: u64 = 8192;
         let bricks = self.plan.bricks();
         #[allow(clippy::cast_precision_loss, reason = "for a message")]
-        let too_many = PlanError::TooMany { bricks: bricks as f64 };
+        let too_many = PlanError::TooMany { bricks: bricks as f64, bytes: None };
         if (bricks as u64).saturating_mul(BRICK) > self.budget { Err(too_many) } else { Ok(()) }
     }
 
@@ -179,24 +201,31 @@ impl Lot {
     /// As [`Trial::new`].
     pub fn values(&self, points: &[DVec3], filter: Filter, encoder: Encoder) -> Result<Vec<f64>, TrialError> {
         let h = self.plan.lattice().voxel_size;
-        let index: Vec<DVec3> = points.iter().map(|point| *point / h - 0.5).collect();
-        if self.plan.bricks() <= Lot::AT_ONCE {
+        let most = Lot::AT_ONCE.max(Lot::PER_THREAD * rayon::current_num_threads());
+        if self.plan.bricks() <= most {
             let trial = Trial::new(&self.field, &self.plan, self.cutoff, encoder)?;
+            let index: Vec<DVec3> = points.iter().map(|point| *point / h - 0.5).collect();
             return Ok(sample_at(&trial.tree, filter, &index));
         }
         let mut values = Vec::with_capacity(points.len());
-        for index in index.chunks(Lot::POINTS) {
-            let mut bricks: Vec<usize> = index
-                .iter()
-                .flat_map(|at| corners(*at, filter))
-                .filter_map(|block| self.plan.find(block))
-                .collect();
-            bricks.sort_unstable();
-            bricks.dedup();
-            let part = self.plan.part(bricks.into_iter());
+        let (mut bricks, mut index) = (BTreeSet::new(), Vec::new());
+        let mut take = |bricks: &mut BTreeSet<usize>, index: &mut Vec<DVec3>| {
+            let part = self.plan.part(bricks.iter().copied());
             let trial = Trial::new(&self.field, &part, self.cutoff, encoder)?;
             values.extend(sample_at(&trial.tree, filter, index));
+            bricks.clear();
+            index.clear();
+            Ok::<_, TrialError>(())
+        };
+        for point in points {
+            let at = *point / h - 0.5;
+            if bricks.len() + 8 > most {
+                take(&mut bricks, &mut index)?;
+            }
+            bricks.extend(corners(at, filter).filter_map(|block| self.plan.find(block)));
+            index.push(at);
         }
+        take(&mut bricks, &mut index)?;
         Ok(values)
     }
 

@@ -4,48 +4,83 @@ use std::convert::Infallible;
 
 use rayon::prelude::*;
 
+use super::paged::Leaves;
 use super::random::below;
 use crate::field::{Field, VOXELS};
-use crate::formats::vdb::file_order;
+use crate::formats::vdb::{VdbReadError, file_order};
 use crate::num::Level;
-use crate::volume::{self, Brick, BrickHash, ContentHash, LeafView, Plan, Precision, Store, Tree};
+use crate::volume::{self, Brick, BrickHash, ContentHash, LeafView, Plan, Precision, Store, Tile, Tree};
+
+/// Leaves that are looked at together, at most.
+const TOGETHER: usize = 1 << 10;
 
 /// The hash of all values of a tree, as a bake states it.
-pub fn content_hash(tree: &Tree<f32>) -> [u8; 32] {
-    enum Cube<'a> {
-        Leaf(LeafView<'a, f32>),
-        Tile([i32; 3], u32, f32),
+///
+/// # Errors
+///
+/// Where its leaves cannot be read.
+pub fn content_hash(leaves: &mut impl Leaves) -> Result<[u8; 32], VdbReadError> {
+    /// A leaf's number, or a tile.
+    #[derive(Clone, Copy)]
+    enum Cube {
+        Leaf(usize),
+        Tile(Tile),
     }
-    let leaves = tree.leaves().map(|leaf| (leaf.origin, Cube::Leaf(leaf)));
-    let tiles =
-        tree.active_tiles().map(|tile| (tile.origin, Cube::Tile(tile.origin, tile.log2_edge, tile.value)));
-    let mut cubes: Vec<(u128, Cube<'_>)> =
-        leaves.chain(tiles).map(|(origin, cube)| (file_order(origin), cube)).collect();
-    cubes.sort_unstable_by_key(|(key, _)| *key);
+    let tree = leaves.tree();
+    let mut tiles: Vec<Tile> = tree.active_tiles().collect();
+    tiles.sort_unstable_by_key(|tile| file_order(tile.origin));
+    let (count, mut tiles) = (tree.leaf_count(), tiles.into_iter().peekable());
     let mut hash = ContentHash::default();
-    // Bricks that are hashed at once.
-    for cubes in cubes.chunks(4096) {
-        let found: Vec<Vec<BrickHash>> = (cubes.par_iter())
-            .map(|(_, cube)| match cube {
-                Cube::Leaf(leaf) => {
-                    vec![BrickHash::new(&Brick {
-                        origin: leaf.origin,
-                        mask: *leaf.mask,
-                        values: *leaf.values,
-                    })]
+    for first in (0..count.max(1)).step_by(TOGETHER) {
+        let numbers: Vec<usize> = (first..count.min(first + TOGETHER)).collect();
+        leaves.hold(&numbers)?;
+        let tree = leaves.tree();
+        let mut cubes = Vec::new();
+        for number in numbers {
+            let key = file_order(tree.leaves[number].origin);
+            while let Some(tile) = tiles.next_if(|tile| file_order(tile.origin) < key) {
+                cubes.push(Cube::Tile(tile));
+            }
+            cubes.push(Cube::Leaf(number));
+        }
+        if first + TOGETHER >= count {
+            cubes.extend(tiles.by_ref().map(Cube::Tile));
+        }
+        for cubes in cubes.chunk_by(|a, b| matches!((a, b), (Cube::Leaf(_), Cube::Leaf(_)))) {
+            let found: Vec<BrickHash> = match cubes {
+                [Cube::Tile(tile)] => {
+                    push_tile(tile, &mut hash);
+                    continue;
                 }
-                Cube::Tile(origin, log2_edge, value) => bricks(*origin, *log2_edge)
-                    .map(|origin| {
-                        BrickHash::new(&Brick { origin, mask: [u64::MAX; 8], values: [*value; VOXELS] })
+                leaves => (leaves.par_iter())
+                    .filter_map(|cube| match cube {
+                        Cube::Leaf(number) => tree.leaf(*number),
+                        Cube::Tile(_) => None,
+                    })
+                    .map(|LeafView { origin, mask, values }| {
+                        BrickHash::new(&Brick { origin, mask: *mask, values: *values })
                     })
                     .collect(),
-            })
-            .collect();
-        for brick in found.iter().flatten() {
-            hash.push(brick);
+            };
+            found.iter().for_each(|brick| hash.push(brick));
         }
     }
-    hash.finish()
+    Ok(hash.finish())
+}
+
+/// Takes in a tile, which may be of very many bricks.
+fn push_tile(tile: &Tile, hash: &mut ContentHash) {
+    let mut origins = bricks(tile.origin, tile.log2_edge);
+    loop {
+        let some: Vec<[i32; 3]> = origins.by_ref().take(TOGETHER).collect();
+        if some.is_empty() {
+            return;
+        }
+        let brick = |origin| Brick { origin, mask: [u64::MAX; 8], values: [tile.value; VOXELS] };
+        let found: Vec<BrickHash> =
+            some.into_par_iter().map(|origin| BrickHash::new(&brick(origin))).collect();
+        found.iter().for_each(|brick| hash.push(brick));
+    }
 }
 
 /// The bricks of a tile in file order: nodes of 16^3 of them, x before y before z in both.
@@ -80,17 +115,19 @@ pub struct Rederived {
 
 /// Bakes `count` of a plan's bricks again, in the same random places at every run, and holds the tree against them, bit by bit.
 /// On the current `rayon` pool.
+///
+/// # Errors
+///
+/// Where leaves cannot be read.
 pub fn rederive(
-    tree: &Tree<f32>,
+    leaves: &mut impl Leaves,
     field: &Field,
     plan: &Plan,
     cutoff: f64,
     precision: Precision,
     count: usize,
-) -> Rederived {
+) -> Result<Rederived, VdbReadError> {
     const STREAM: u64 = 0x7665_7269;
-    /// Bricks that are baked at once.
-    const AT_ONCE: usize = 4096;
     let mut chosen: Vec<usize> = if count >= plan.bricks() {
         (0..plan.bricks()).collect()
     } else {
@@ -98,12 +135,16 @@ pub fn rederive(
     };
     chosen.sort_unstable();
     chosen.dedup();
-    let outside = tree
-        .leaves()
-        .map(|leaf| leaf.origin)
+    let outside = (leaves.tree().leaves.iter().map(|leaf| leaf.origin))
         .find(|origin| plan.find(origin.map(|c| i64::from(c >> 3))).is_none());
     let mut found = Rederived { bricks: chosen.len() as u64, outside, ..Rederived::default() };
-    for chosen in chosen.chunks(AT_ONCE) {
+    for chosen in chosen.chunks(TOGETHER) {
+        let tree = leaves.tree();
+        let mut numbers: Vec<usize> =
+            chosen.iter().filter_map(|brick| tree.leaf_at(plan.origin(*brick))).collect();
+        numbers.sort_unstable();
+        leaves.hold(&numbers)?;
+        let tree = leaves.tree();
         let mut store = Store::new(precision);
         let part = plan.part(chosen.iter().copied());
         let Ok(_) =
@@ -118,7 +159,7 @@ pub fn rederive(
             }
         }
     }
-    found
+    Ok(found)
 }
 
 /// Whether a tree has a brick's values, to the bit, in active voxels, and no other active ones.
@@ -154,6 +195,10 @@ mod tests {
         (field, plan, trial)
     }
 
+    fn hash_of(tree: &Tree<f32>) -> [u8; 32] {
+        content_hash(&mut tree.clone()).expect("in memory")
+    }
+
     /// Leaves, tiles, and with constant density nodes that are tiles.
     const FAT: &str = "[[tube]]\nradius = 200\nenvelope = { radial = \"hard\" }\ncaps = \"flat\"\n\
         curve = { points = [[0, 0, -100], [0, 0, 0], [0, 0, 300]] }";
@@ -166,7 +211,7 @@ mod tests {
             [(NOISE, 0.02, Precision::F32), (NOISE, 0.02, Precision::F16), (FAT, 1.0, Precision::F32)]
         {
             let (_, _, trial) = baked(text, h, precision);
-            assert_eq!(content_hash(&trial.tree), trial.tally.content_hash);
+            assert_eq!(hash_of(&trial.tree), trial.tally.content_hash);
         }
         let (_, _, trial) = baked(FAT, 1.0, Precision::F32);
         assert!(trial.tree.active_tiles().any(|tile| tile.log2_edge == 7));
@@ -176,25 +221,28 @@ mod tests {
     fn bricks_are_baked_again() {
         for precision in [Precision::F32, Precision::F16] {
             let (field, plan, mut trial) = baked(NOISE, 0.02, precision);
-            let again = |tree: &Tree<f32>, count| rederive(tree, &field, &plan, 0.0, precision, count);
+            let again = |tree: &Tree<f32>, count| {
+                rederive(&mut tree.clone(), &field, &plan, 0.0, precision, count).expect("in memory")
+            };
             let all = plan.bricks() as u64;
             let right = Rederived { bricks: all, ..Rederived::default() };
             assert_eq!(again(&trial.tree, usize::MAX), right);
             assert!(again(&trial.tree, 20).bricks <= 20);
             // One voxel, by the least that a number can differ.
-            let hash = content_hash(&trial.tree);
+            let hash = hash_of(&trial.tree);
             let value = &mut trial.tree.pages[0][3][100];
             *value = f32::from_bits(value.to_bits() ^ 1);
             let origin = trial.tree.leaves[3].origin;
             assert_eq!(again(&trial.tree, usize::MAX), Rederived { differ: 1, first: Some(origin), ..right });
-            assert_ne!(content_hash(&trial.tree), hash);
+            assert_ne!(hash_of(&trial.tree), hash);
         }
     }
 
     #[test]
     fn leaves_where_nothing_can_be_are_found() {
-        let (_, _, trial) = baked(NOISE, 0.02, Precision::F32);
+        let (_, _, mut trial) = baked(NOISE, 0.02, Precision::F32);
         let (field, plan, _) = baked(&NOISE.replace("0.3", "0.1"), 0.02, Precision::F32);
-        assert!(rederive(&trial.tree, &field, &plan, 0.0, Precision::F32, 1).outside.is_some());
+        let found = rederive(&mut trial.tree, &field, &plan, 0.0, Precision::F32, 1).expect("in memory");
+        assert!(found.outside.is_some());
     }
 }

@@ -43,6 +43,8 @@ pub enum PlanError {
     TooMany {
         /// About how many, each counted once for every piece of an axis that reaches it.
         bricks: f64,
+        /// Bytes that are enough to plan them; `None` where the number is known within a factor of a few only.
+        bytes: Option<u64>,
     },
     /// The density lies beyond the range of voxel indices.
     #[error(
@@ -66,7 +68,8 @@ impl PlanError {
         #[allow(clippy::cast_precision_loss, reason = "small")]
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         match self {
-            PlanError::TooMany { bricks } => {
+            PlanError::TooMany { bytes: Some(bytes), .. } => Some(bytes),
+            PlanError::TooMany { bricks, bytes: None } => {
                 Some(LEAST.saturating_add((ROOM * bricks * BYTES as f64) as u64))
             }
             PlanError::IndexRange { .. } | PlanError::TooWide => None,
@@ -136,20 +139,29 @@ impl Plan {
         let estimate = field.estimate_blocks(lattice);
         #[allow(clippy::cast_precision_loss, reason = "a rough bound")]
         if estimate * BYTES as f64 > 2.0 * budget as f64 {
-            return Err(PlanError::TooMany { bricks: estimate });
+            return Err(PlanError::TooMany { bricks: estimate, bytes: None });
         }
-        let cover = field.cover(lattice, budget).ok_or(PlanError::TooMany { bricks: estimate })?;
+        let cover = field.cover(lattice, budget);
+        let cover = cover.ok_or(PlanError::TooMany { bricks: estimate, bytes: None })?;
         let has_edges = with_edges
             && field.is_antialiased()
             && cover.par_iter().any(|capsule| field.edges(capsule, lattice).is_some());
         let reach = if has_edges { Extent::Whole } else { extent };
         let Census { counts, nodes } = Census::new(field, lattice, &cover, reach, root);
         let count: usize = counts.iter().sum();
-        #[allow(clippy::cast_precision_loss, reason = "for a message")]
-        let too_many = PlanError::TooMany { bricks: count as f64 };
         let places = cover.len() * (size_of::<usize>() + size_of::<&mut [Contact]>());
         let finding =
             size_of_val(cover.as_slice()) + size_of_val(nodes.as_slice()) + count * size_of::<Contact>();
+        // As if every contact were of a brick of its own; and so that the estimate is let pass.
+        let most = count * (size_of::<Planned>() + size_of::<bool>() + size_of::<Candidate>());
+        #[allow(clippy::cast_precision_loss, reason = "for a message")]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let too_many = PlanError::TooMany {
+            bricks: count as f64,
+            bytes: Some(
+                ((finding + places.max(most)) as u64).max((0.5 * estimate * BYTES as f64) as u64 + 1),
+            ),
+        };
         let fits = |bytes: usize| bytes as u64 <= budget;
         let countable =
             u32::try_from(count).is_ok() && nodes.len() <= MOST_NODES && cover.len() <= MOST_CAPSULES;

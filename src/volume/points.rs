@@ -29,27 +29,60 @@ pub fn density_at(
 }
 
 /// The same with a plan of the field for [`Extent::Whole`], for many lists of points.
+///
+/// A value may depend on the other points of its brick in the list, by less than its rounding.
 pub fn planned_density_at(field: &Field, plan: &Plan, points: &[DVec3], level: Level) -> Vec<f32> {
-    let lattice = plan.lattice();
-    let mut order: Vec<(usize, usize)> = points
-        .par_iter()
-        .enumerate()
-        .filter_map(|(index, point)| plan.find(brick_of(*point, lattice)?).map(|brick| (brick, index)))
-        .collect();
-    order.par_sort_unstable();
-    let groups: Vec<&[(usize, usize)]> =
-        order.chunk_by(|a, b| a.0 == b.0).flat_map(|group| group.chunks(VOXELS)).collect();
-    let found: Vec<[f32; VOXELS]> = groups
-        .par_iter()
-        .map_init(Worker::default, |worker, group| worker.evaluate(field, plan, group, points, level))
-        .collect();
+    /// Points that are put in order at once: their numbers have 32 bits, as those of bricks.
+    const MOST: usize = 1 << 30;
+    /// Points whose values wait for their places.
+    const TOGETHER: usize = 1 << 14;
     let mut values = vec![0.0; points.len()];
-    for (group, found) in groups.iter().zip(found) {
-        for (&(_, index), value) in group.iter().zip(found) {
-            values[index] = value;
+    for (points, values) in points.chunks(MOST).zip(values.chunks_mut(MOST)) {
+        let order = in_order(plan, points);
+        let mut groups = order.chunk_by(|a, b| a.0 == b.0).flat_map(|group| group.chunks(VOXELS)).peekable();
+        while groups.peek().is_some() {
+            let mut count = 0;
+            let mut some: Vec<&[Placed]> = Vec::new();
+            while let Some(group) = groups.next_if(|_| count < TOGETHER) {
+                count += group.len();
+                some.push(group);
+            }
+            // A group may be of one point.
+            let found: Vec<Box<[f32]>> = some
+                .par_iter()
+                .map_init(Worker::default, |worker, group| {
+                    worker.evaluate(field, plan, group, points, level)[..group.len()].into()
+                })
+                .collect();
+            for (group, found) in some.iter().zip(found) {
+                for (&(_, index), value) in group.iter().zip(found) {
+                    values[index as usize] = value;
+                }
+            }
         }
     }
     values
+}
+
+/// The numbers of a brick and of a point in it.
+type Placed = (u32, u32);
+
+/// The points that lie in a plan's bricks, brick by brick.
+fn in_order(plan: &Plan, points: &[DVec3]) -> Vec<Placed> {
+    /// Points that are looked up at once.
+    const TOGETHER: usize = 1 << 16;
+    let lattice = plan.lattice();
+    let placed = |(index, point): (usize, &DVec3)| {
+        let brick = plan.find(brick_of(*point, lattice)?)?;
+        Some((u32::try_from(brick).ok()?, u32::try_from(index).ok()?))
+    };
+    let mut order = Vec::with_capacity(points.len());
+    for (number, some) in points.chunks(TOGETHER).enumerate() {
+        let numbered = some.par_iter().enumerate().map(|(at, point)| (TOGETHER * number + at, point));
+        order.extend(numbered.filter_map(placed).collect::<Vec<_>>());
+    }
+    order.par_sort_unstable();
+    order
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "saturates, and no brick lies there")]
@@ -70,17 +103,18 @@ impl Worker {
         &mut self,
         field: &Field,
         plan: &Plan,
-        group: &[(usize, usize)],
+        group: &[Placed],
         points: &[DVec3],
         level: Level,
     ) -> [f32; VOXELS] {
         let Some(&(brick, _)) = group.first() else { return [0.0; VOXELS] };
+        let brick = brick as usize;
         let h = plan.lattice().voxel_size;
         #[allow(clippy::cast_precision_loss, reason = "brick coordinates fit 29 bits")]
         let centre = DVec3::from(plan.block(brick).map(|b| (b as f64 + 0.5) * 8.0 * h));
         let mut axes = [[0.0; VOXELS]; 3];
         for (place, &(_, index)) in group.iter().enumerate() {
-            let local = (points[index] - centre) / h;
+            let local = (points[index as usize] - centre) / h;
             for axis in 0..3 {
                 axes[axis][place] = f32::from_f64(local[axis]);
             }

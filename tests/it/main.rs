@@ -28,6 +28,7 @@ mod large;
 mod layers;
 mod limits;
 mod mass;
+mod measuring;
 mod memory;
 mod methods;
 mod noise;

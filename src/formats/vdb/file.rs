@@ -93,16 +93,7 @@ impl<W: Write> FileWriter<W> {
     /// # Errors
     /// [`VdbWriteError::Io`], [`VdbWriteError::Metadata`], [`VdbWriteError::TooLarge`].
     pub fn new(out: W, header: &FileHeader, grids: usize) -> Result<Self, VdbWriteError> {
-        let count = i32::try_from(grids).map_err(|_| VdbWriteError::TooLarge("the number of grids"))?;
-        let mut head = vec![];
-        head.extend(MAGIC.to_le_bytes());
-        for number in [VERSION, LIBRARY[0], LIBRARY[1]] {
-            head.extend(number.to_le_bytes());
-        }
-        head.push(1);
-        head.extend(header.uuid.hyphenated().to_string().as_bytes());
-        put_metadata(&mut head, &header.metadata)?;
-        head.extend(count.to_le_bytes());
+        let head = head(header, grids)?;
         let mut out = Counted { inner: BufWriter::new(out), bytes: 0 };
         out.write_all(&head)?;
         Ok(Self { out, names: vec![], announced: grids })
@@ -184,6 +175,21 @@ impl<W: Write> FileWriter<W> {
         self.out.flush()?;
         Ok(self.out.bytes)
     }
+}
+
+/// The header of a file with so many grids.
+pub(super) fn head(header: &FileHeader, grids: usize) -> Result<Vec<u8>, VdbWriteError> {
+    let count = i32::try_from(grids).map_err(|_| VdbWriteError::TooLarge("the number of grids"))?;
+    let mut head = vec![];
+    head.extend(MAGIC.to_le_bytes());
+    for number in [VERSION, LIBRARY[0], LIBRARY[1]] {
+        head.extend(number.to_le_bytes());
+    }
+    head.push(1);
+    head.extend(header.uuid.hyphenated().to_string().as_bytes());
+    put_metadata(&mut head, &header.metadata)?;
+    head.extend(count.to_le_bytes());
+    Ok(head)
 }
 
 /// Counts what passes through.

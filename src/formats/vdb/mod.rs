@@ -31,6 +31,7 @@ mod file;
 mod grid;
 mod meta;
 mod read;
+mod rehead;
 mod sink;
 mod spool;
 mod topology;
@@ -46,9 +47,10 @@ pub use file::{FileHeader, FileWriter, VdbWriteError};
 pub use grid::{GridClass, GridHeader, VectorType};
 pub use meta::{Meta, Metadata};
 pub use read::{
-    AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Listing, Map, PartialGrid, VdbFile, VdbReadError,
-    list_grids, read_info,
+    AnyPartialTree, AnyTree, FileInfo, Grid, GridInfo, Listing, Map, PagedGrid, PartialGrid, VdbFile,
+    VdbReadError, list_grids, read_info,
 };
+pub use rehead::rehead;
 pub use spool::Spool;
 pub use topology::{Topology, file_order};
 pub use voxel::Voxel;

@@ -17,7 +17,7 @@ use crate::volume::tree::{PAGE, Page};
 const BATCH: usize = 4 << 20;
 const MASK: usize = 64;
 /// Stands for a leaf that was not read; no tree has so many.
-const ABSENT: u32 = u32::MAX;
+pub(super) const ABSENT: u32 = u32::MAX;
 
 /// How the buffers of a grid's leaves are stored.
 pub(super) trait Buffers<T>: Sync {
@@ -117,7 +117,7 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
     leaves: &[Leaf],
 ) -> Result<Vec<Page<T>>, VdbReadError> {
     let mut pages = vec![];
-    walk(cursor, buffers, leaves, |batch| {
+    walk(cursor, buffers, leaves, BATCH, |batch| {
         let all: Vec<usize> = (0..batch.leaves.len()).collect();
         pages.extend(decode(buffers, &batch, &all)?);
         Ok(())
@@ -159,7 +159,7 @@ pub(super) fn read_some<T: Stored, R: Read + Seek>(
         }
         slots.resize(first, ABSENT);
         let run = leaves.get(first..end).unwrap_or_default();
-        let done = walk(cursor, buffers, run, |batch| {
+        let done = walk(cursor, buffers, run, BATCH, |batch| {
             let taken = taken.get(slots.len()..).unwrap_or_default();
             let mut next = pages.len().saturating_mul(PAGE);
             let here: Vec<usize> =
@@ -207,7 +207,23 @@ pub(super) fn skip<T: Stored, R: Read + Seek>(
     buffers: &impl Buffers<T>,
     leaves: &[Leaf],
 ) -> Result<(), VdbReadError> {
-    walk(cursor, buffers, leaves, |_| Ok(()))
+    walk(cursor, buffers, leaves, BATCH, |_| Ok(()))
+}
+
+/// Where in the file the buffers of every [`PAGE`] leaves begin, and where the last of them ends. Reads `batch` bytes at once.
+pub(super) fn places<T: Stored, R: Read + Seek>(
+    cursor: &mut Cursor<R>,
+    buffers: &impl Buffers<T>,
+    leaves: &[Leaf],
+    batch: usize,
+) -> Result<Vec<u64>, VdbReadError> {
+    let mut places = vec![cursor.position()];
+    walk(cursor, buffers, leaves, batch, |batch| {
+        let ends = batch.ends.chunks(PAGE).filter_map(<[usize]>::last);
+        places.extend(ends.map(|end| batch.offset.saturating_add(*end as u64)));
+        Ok(())
+    })?;
+    Ok(places)
 }
 
 /// Buffers that were read together: leaves of whole pages, except at the end.
@@ -232,10 +248,12 @@ impl<'a> Batch<'a> {
     }
 }
 
+/// Reads buffers up to `batch` bytes at once, which must be more than those of a page may take.
 fn walk<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     buffers: &impl Buffers<T>,
     leaves: &[Leaf],
+    batch: usize,
     mut each: impl FnMut(Batch<'_>) -> Result<(), VdbReadError>,
 ) -> Result<(), VdbReadError> {
     cursor.require_all(leaves.len(), buffers.least())?;
@@ -244,8 +262,8 @@ fn walk<T: Stored, R: Read + Seek>(
     let mut rest = leaves;
     while !rest.is_empty() {
         let offset = cursor.position().saturating_sub(bytes.len() as u64);
-        let room = BATCH.saturating_sub(bytes.len()) as u64;
-        let more = usize::try_from(room.min(cursor.remaining())).unwrap_or(BATCH);
+        let room = batch.saturating_sub(bytes.len()) as u64;
+        let more = usize::try_from(room.min(cursor.remaining())).unwrap_or(batch);
         cursor.append(more, &mut bytes)?;
         ends.clear();
         let mut end = 0_usize;

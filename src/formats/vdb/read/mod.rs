@@ -6,7 +6,8 @@
 //! full or as binary16, plain, as zlib streams, or as Blosc frames with LZ4, all of them or active ones only; trees that
 //! grids share. Other grids, such as points, are listed and refused by name.
 //!
-//! [`VdbFile::grid_part`] decodes only those leaves that lie in a part of index space.
+//! [`VdbFile::grid_part`] decodes only those leaves that lie in a part of index space, [`VdbFile::paged`] those that are asked
+//! for, again and again.
 //!
 //! Any input gives a result or an error. Nothing is allocated that the file cannot hold: what can be decoded from its
 //! bytes bounds every buffer, and [`VdbFile::with_memory_limit`] a grid as a whole.
@@ -30,6 +31,7 @@ mod cursor;
 mod error;
 mod header;
 mod leaves;
+mod paged;
 mod topology;
 mod value;
 
@@ -43,6 +45,7 @@ pub use error::VdbReadError;
 use header::Record;
 pub use header::{FileInfo, GridInfo, Map};
 use leaves::{Bits, Buffers};
+pub use paged::PagedGrid;
 use topology::Allowance;
 use value::Stored;
 
@@ -262,23 +265,33 @@ impl<R: Read + Seek> VdbFile<R> {
     }
 
     fn read(&mut self, number: usize, part: Option<&Part>) -> Result<Grid, VdbReadError> {
+        let whole = self.cursor.end();
+        let (source, record) = self.seek(number)?;
+        let tree = self.tree(&source.name, &source.type_name, &record, part);
+        self.cursor.set_end(whole);
         let missing = || VdbReadError::NoGrid(format!("number {number}"));
-        let info = self.info.grids.get(number).cloned().ok_or_else(missing)?;
-        let owner = if info.instance_of.is_empty() { number } else { self.owner(&info.instance_of)? };
+        Ok(Grid { info: self.info.grids.get(number).cloned().ok_or_else(missing)?, tree: tree? })
+    }
+
+    /// Moves to the topology of a grid, or of that which shares its tree with it; gives what the file says of that one. What
+    /// is read then has to end where the grid does.
+    fn seek(&mut self, number: usize) -> Result<(GridInfo, Record), VdbReadError> {
+        let missing = || VdbReadError::NoGrid(format!("number {number}"));
+        let shared = self.info.grids.get(number).map(|info| info.instance_of.clone()).ok_or_else(missing)?;
+        let owner = if shared.is_empty() { number } else { self.owner(&shared)? };
         let (Some(source), Some(record)) = (self.info.grids.get(owner), self.records.get(owner)) else {
             return Err(missing());
         };
-        let (name, type_name) = (source.name.clone(), source.type_name.clone());
         if !record.known_map {
-            return Err(VdbReadError::Map { grid: name, type_name: source.map.type_name.clone() });
+            return Err(VdbReadError::Map {
+                grid: source.name.clone(),
+                type_name: source.map.type_name.clone(),
+            });
         }
-        let record = record.clone();
+        let (source, record) = (source.clone(), record.clone());
         self.cursor.back_to(record.topology)?;
-        let whole = self.cursor.end();
         self.cursor.set_end(record.end);
-        let tree = self.tree(&name, &type_name, &record, part);
-        self.cursor.set_end(whole);
-        Ok(Grid { info, tree: tree? })
+        Ok((source, record))
     }
 
     /// The grid whose tree others share.
