@@ -202,11 +202,13 @@ mod tests {
     fn bricks_agree_where_they_meet() {
         let Medium::Baked(fine) = baked(&rough(&patchy(), 1.0)) else { unreachable!() };
         for times in 1..=3 {
-            agree(&fine.coarser(times));
+            // There are fewer bricks, the coarser they are.
+            assert!(agree(&fine.coarser(times)) > if times == 1 { 500 } else { 100 });
         }
     }
 
-    fn agree(coarse: &Baked) {
+    /// How many values two bricks share.
+    fn agree(coarse: &Baked) -> usize {
         let value = |values: &[f32; ALL], [x, y, z]: [usize; 3]| values[(x * VALUES + y) * VALUES + z];
         let mut met = 0;
         for (block, values) in coarse.bricks.blocks.iter().zip(&coarse.values) {
@@ -226,6 +228,6 @@ mod tests {
                 }
             }
         }
-        assert!(met > 100);
+        met
     }
 }

@@ -12,9 +12,9 @@
 use super::baked::{ALL, VALUES};
 use super::grid::EDGE;
 use super::medium::Brick;
-use super::rays::{GROUPS, LANES, RAYS, Rays, boxed, single};
+use super::rays::{LANES, RAYS, Rays, boxed, groups, single};
 use super::shade::{Lit, Wanted};
-use super::tiles::{Seen, TILE};
+use super::tiles::Seen;
 use crate::num::{Level, Real, WithLevel, with_level};
 use crate::scene::MOST_LAMPS;
 
@@ -200,17 +200,10 @@ impl Planes {
         main: Main,
     ) {
         self.count = 0;
-        let [left, right] = seen.columns.map(usize::from);
-        let wanted = ((1_u64 << (right + 1)) - (1_u64 << left)) & 0xffff_ffff;
-        for row in usize::from(seen.rows[0])..=usize::from(seen.rows[1]) {
-            for half in 0..TILE / LANES {
-                let group = (row * (TILE / LANES) + half) % GROUPS;
-                #[allow(clippy::cast_possible_truncation, reason = "sixteen bits")]
-                let columns = (wanted >> (LANES * half)) as u32 & 0xffff;
-                let wanted = columns & rays.alive[group];
-                if wanted != 0 {
-                    self.meet::<R>(token, block, group, wanted, main);
-                }
+        for group in groups(seen) {
+            let wanted = rays.wanted(seen, group);
+            if wanted != 0 {
+                self.meet::<R>(token, block, group, wanted, main);
             }
         }
     }

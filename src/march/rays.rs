@@ -2,6 +2,8 @@
 
 #![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use super::camera::Ray;
@@ -14,7 +16,9 @@ use crate::scene::MOST_LAMPS;
 pub(super) const LANES: usize = 16;
 /// Rays of a tile.
 pub(super) const RAYS: usize = TILE * TILE;
-pub(super) const GROUPS: usize = RAYS / LANES;
+const GROUPS: usize = RAYS / LANES;
+/// Groups of a row.
+const ROW: usize = TILE / LANES;
 /// Packed stores write whole lanes.
 const ROOM: usize = RAYS + LANES;
 
@@ -87,9 +91,26 @@ impl Rays {
         is_alive.then(|| Ray { origin: of(&self.origin), direction: of(&self.direction) })
     }
 
+    /// Of a group of rays those that still see something, in the columns in which a brick is seen, a bit each.
+    #[inline(always)]
+    pub(super) fn wanted(&self, seen: &Seen, group: usize) -> u32 {
+        let [left, right] = seen.columns.map(u32::from);
+        let columns = (1_u64 << (right + 1)) - (1_u64 << left);
+        #[allow(clippy::cast_possible_truncation, reason = "sixteen bits")]
+        let columns = (columns >> (LANES * (group % ROW))) as u32 & 0xffff;
+        columns & self.alive[group % GROUPS]
+    }
+
     pub(super) fn is_done(&self) -> bool {
         self.alive.iter().all(|alive| *alive == 0)
     }
+}
+
+/// The groups of rays in the rows in which a brick is seen.
+#[inline(always)]
+pub(super) fn groups(seen: &Seen) -> Range<usize> {
+    let [top, bottom] = seen.rows.map(usize::from);
+    ROW * top..(ROW * (bottom + 1)).min(GROUPS)
 }
 
 /// The rays that meet a brick, packed. Positions and lengths are in cells, from the brick's corner, and along a ray from
@@ -146,17 +167,10 @@ impl Hits {
         seen: &Seen,
     ) {
         self.count = 0;
-        let [left, right] = seen.columns.map(usize::from);
-        let wanted = ((1_u64 << (right + 1)) - (1_u64 << left)) & 0xffff_ffff;
-        for row in usize::from(seen.rows[0])..=usize::from(seen.rows[1]) {
-            for half in 0..TILE / LANES {
-                let group = row * (TILE / LANES) + half;
-                #[allow(clippy::cast_possible_truncation, reason = "sixteen bits")]
-                let columns = (wanted >> (LANES * half)) as u32 & 0xffff;
-                let wanted = columns & rays.alive[group % GROUPS];
-                if wanted != 0 {
-                    self.meet::<R>(token, rays, block, group % GROUPS, wanted);
-                }
+        for group in groups(seen) {
+            let wanted = rays.wanted(seen, group);
+            if wanted != 0 {
+                self.meet::<R>(token, rays, block, group, wanted);
             }
         }
     }

@@ -101,6 +101,20 @@ fn a_file_and_its_scene_look_alike() {
     }
     let rms = apart(&beside, "transmittance.Y");
     assert!(rms > 1.5 * 1.2e-2, "{rms}");
+    // By planes, too: what is hidden of the scene, and the colours of shadows that are exact, nearer than those of cells.
+    let draw = |name: &str, options: &[&str]| {
+        let image = folder.path().join(name);
+        render(&[&[text(&baked), "-o", text(&image)][..], &SIZE, options].concat()).expect("a picture");
+        channels(&image)
+    };
+    let (planes, exact) = (draw("planes.exr", &[]), draw("exact.exr", &["--shadow", "exact"]));
+    let rms = apart(&planes, "transmittance.Y");
+    assert!(rms < 1.2e-2 && apart(&beside, "transmittance.Y") > 1.5 * rms, "{rms}");
+    let [planes, cells] = [&planes, &file].map(|image| {
+        let squares = exact["G"].iter().zip(&image["G"]).map(|(a, b)| f64::from(a - b) * f64::from(a - b));
+        mean(squares).sqrt()
+    });
+    assert!(planes < cells, "{planes} and {cells} off the colours of exact shadows");
     for (channel, values) in &scene {
         assert!(values.iter().all(|value| channel == "depth.Z" || value.is_finite()), "{channel}");
     }
