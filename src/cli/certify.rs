@@ -21,7 +21,7 @@ use crate::report::{
     Certificate, FieldDifference, Look, Measured, Reached, Residuals, TrialError, measure, measuring,
 };
 use crate::scene::Scene;
-use crate::volume::{Filter, Plan, Precision};
+use crate::volume::{Filter, Plan, PlanError, Precision};
 
 /// Metadata that holds the certificate.
 pub(super) const CERTIFICATE: &str = "vdbake_certificate";
@@ -107,11 +107,19 @@ pub(super) fn measured<R: Read + Seek>(
 
 /// Refuses where there is no memory to measure what is baked of a plan, in a process that takes some besides.
 pub(super) fn check(plan: &Plan, precision: Precision, [budget, besides]: [u64; 2]) -> Result<(), Failure> {
-    let needed = measuring(look(precision), plan);
+    let needed = measuring(look(precision), plan.making() as u64, plan.bricks() as u64);
     if budget >= besides.saturating_add(needed) {
         return Ok(());
     }
     Err(large(needed, besides))
+}
+
+/// Bytes that are enough for a process to measure a file of which the bricks found no room to be planned; `None` where it is
+/// not memory that this wants.
+pub(super) fn enough_for(error: PlanError, precision: Precision, besides: u64) -> Option<u64> {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    let bricks = if let PlanError::TooMany { bricks, .. } = error { bricks as u64 } else { 0 };
+    error.enough().map(|making| besides.saturating_add(measuring(look(precision), making, bricks)))
 }
 
 /// Of a file that takes so many bytes to be measured, in a process that takes some besides.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::compare::figure;
 use super::interrupt::Interrupt;
-use super::memory::{Amount, PROGRAM, resident, room_for};
+use super::memory::{Amount, PROGRAM, enough, resident};
 use super::output::save;
 use super::recipe::{CREATOR, antialias_name};
 use super::{Failure, Global, certify, embedded, machine, text};
@@ -178,11 +178,15 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     field.widen(lattice);
     let process = PROGRAM.max(resident());
     let besides = process.saturating_add(BAKING);
+    let is_measured = own.is_some() || arguments.export.is_some();
     let plan = Plan::new(&field, lattice, memory.bytes().saturating_sub(besides)).map_err(|error| {
+        let measured = certify::enough_for(error, precision, process).filter(|_| is_measured);
+        let planned = error.enough().map(|plan| plan.saturating_add(besides));
         let failure = Failure::failed("the bricks cannot be planned").because(error);
-        room_for(error, besides).into_iter().fold(failure, Failure::hint)
+        let hint = planned.max(measured).map(|bytes| format!("allow more with --memory {}", enough(bytes)));
+        hint.into_iter().fold(failure, Failure::hint)
     })?;
-    if own.is_some() || arguments.export.is_some() {
+    if is_measured {
         certify::check(&plan, precision, [memory.bytes(), process])?;
     }
     let held = besides.saturating_add(plan.memory() as u64);

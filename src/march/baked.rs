@@ -9,11 +9,13 @@ use super::bins::Bins;
 use super::camera::Ray;
 use super::grid::{Bricks, EDGE, Grid};
 use super::medium::{Brick, Way};
+use super::picture::Shadow;
 use super::planes;
 use super::points::Spot;
 use super::rays::{Hits, LANES, Rays, single};
 use super::segment::GAUSS;
-use super::shade::{Group, LONGEST, Lit, Wanted};
+use super::shade::{FINE, Group, LONGEST, Lit, Wanted};
+use super::sweep;
 use super::table::Table;
 use super::walk::{self, Cells, Walk};
 use crate::num::{Level, Real, WithLevel, with_level};
@@ -102,7 +104,7 @@ impl Baked {
             return Err(BakedError::Background(tree.background().wide()));
         }
         let blocks = candidates(tree, meaning, budget)?;
-        check(blocks.len() as u64, budget)?;
+        check(blocks.len() as u64, BRICK, budget)?;
         let mut kept = Vec::new();
         blocks
             .par_iter()
@@ -137,12 +139,11 @@ fn largest(values: &[f32; ALL]) -> f32 {
     most.iter().chain(rest).fold(0.0, |most, value| value.max(most))
 }
 
-/// Bytes of a brick in a sun's shadow, about: what passes its planes, what it adds, and its table.
-const SHADOW: u64 = 1792;
+/// Bytes of a brick: its values, and what finds it.
+const BRICK: u64 = size_of::<[f32; ALL]>() as u64 + 128;
 
-fn check(bricks: u64, budget: u64) -> Result<(), BakedError> {
-    // And what a sun's shadow takes for a brick.
-    let bytes = bricks.saturating_mul(size_of::<[f32; ALL]>() as u64 + 128 + SHADOW);
+fn check(bricks: u64, each: u64, budget: u64) -> Result<(), BakedError> {
+    let bytes = bricks.saturating_mul(each);
     if bytes > budget { Err(BakedError::TooLarge { bricks, bytes }) } else { Ok(()) }
 }
 
@@ -184,7 +185,7 @@ fn candidates<T: Sampled<Wide = f64>>(
         if has(tile.value) {
             let edge = 1_i64 << (tile.log2_edge - 3);
             let count = (edge + 1) * (edge + 1) * (edge + 1);
-            check(blocks.len() as u64 + count.unsigned_abs(), budget)?;
+            check(blocks.len() as u64 + count.unsigned_abs(), BRICK, budget)?;
             let first = tile.origin.map(|c| i64::from(c >> 3) - 1);
             for n in 0..count {
                 let place = [n / (edge + 1) / (edge + 1), n / (edge + 1) % (edge + 1), n % (edge + 1)];
@@ -240,6 +241,22 @@ impl Baked {
         Baked { sampling, ..self }
     }
 
+    /// Whether there is room in `budget` bytes for it with the shadows of so many lamps.
+    ///
+    /// # Errors
+    ///
+    /// [`BakedError::TooLarge`].
+    pub fn check_shadows(&self, lamps: usize, shadow: Shadow, budget: u64) -> Result<(), BakedError> {
+        let shadows = match shadow {
+            Shadow::Cached(pitch) if lamps > 0 => {
+                let table = size_of::<f32>() * if pitch < 2.0 { FINE * FINE * FINE } else { sweep::POINTS };
+                sweep::ADDED + (sweep::KEPT + table as u64).saturating_mul(lamps as u64)
+            }
+            _ => 0,
+        };
+        check(self.values.len() as u64, BRICK.saturating_add(shadows), budget)
+    }
+
     /// Gets ready to carry a tile's new rays.
     pub(super) fn begin(&self, way: &mut Way, wanted: &Wanted) {
         if self.sampling == Sampling::Planes {
@@ -258,7 +275,7 @@ impl Baked {
     pub(super) fn carry(&self, level: Level, brick: Brick<'_>, way: &mut Way) {
         let number = brick.seen.brick as usize;
         let values = &self.values[number];
-        if self.sampling == Sampling::Planes && way.planes.suits(brick.block, self.most[number], brick.lit) {
+        if self.sampling == Sampling::Planes && way.planes.suits(self.most[number], brick.lit) {
             planes::carry(level, brick, &mut way.rays, &mut way.planes, values);
         } else {
             carry(level, Carry { brick, way, values });

@@ -154,3 +154,37 @@ fn what_is_extreme_has_shadows_too() {
         assert!(film.radiance.iter().any(|colour| colour[0] > 0.0));
     }
 }
+
+#[test]
+fn planes_and_cells_meet_in_faces() {
+    // So dense that a few bricks are in cells, beside others in planes: a ray that passes between them within a layer loses none
+    // of it.
+    let smooth = gaussian();
+    for eye in EYES.into_iter().take(6) {
+        let [thin, thick] = [6.0, 9.0].map(|extinction| {
+            let [found, truth] = [Sampling::Planes, Sampling::Cells]
+                .map(|sampling| take(&smooth, sampling, eye, &grey(extinction), Shadow::None).depth);
+            difference(found.iter(), &truth)
+        });
+        assert!(thick[0] < 2.0 * thin[0].max(1e-3), "{eye}: {thick:?}, {thin:?}");
+    }
+}
+
+#[test]
+fn nothing_is_lit_by_more_than_there_is() {
+    // One voxel is so dense that depths beside it grow by more than single precision can place in a cell.
+    let optics = Optics {
+        albedo: DVec3::ONE,
+        lamps: vec![Lamp::Sun { direction: DVec3::new(0.3, -0.2, -1.0).normalize(), irradiance: DVec3::ONE }],
+        ..grey(3.0)
+    };
+    for most in [1e10, 1e12, f64::from(f32::MAX)] {
+        let tree = voxels(|at| if at == [1, 2, 3] { most } else { 0.1 });
+        for sampling in [Sampling::Planes, Sampling::Cells] {
+            let film = take(&tree, sampling, EYES[0], &optics, Shadow::Cached(2.0));
+            // Isotropic: at most all of it, from all sides.
+            let bound = 1.0 / (4.0 * std::f64::consts::PI);
+            assert!(film.radiance.iter().all(|colour| colour[0] <= bound * (1.0 + 1e-6)), "{most:e}");
+        }
+    }
+}

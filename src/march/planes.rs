@@ -1,11 +1,12 @@
 //! Voxels plane by plane: how their pictures are made unless every cell is asked for.
 //!
-//! Of the axes of the grid, rays that are close together go along one most: there, one sample is taken in the middle of every
-//! layer of cells, of the density and of the light that arrives. Along that axis nothing is between two samples but a cell,
-//! and the other two axes take four values to interpolate. Sums over whole voxels are exact for what is linear, and for what is
-//! smooth over more than two voxels their errors cancel along the ray, as those of the trapezoidal rule do (Trefethen and
-//! Weideman, "The exponentially convergent trapezoidal rule", 2014); nothing is shifted. Layers end where bricks do, so that
-//! bricks that are too dense for one sample a layer are integrated cell by cell in between.
+//! Of the axes of the grid, rays that are close together go along one most: there, one sample is taken in every layer of cells, of
+//! the density and of the light that arrives, as they are in the layer's middle. Along that axis nothing is between two samples
+//! but a cell, and the other two axes take four values to interpolate. Sums over whole voxels are exact for what is linear, and for
+//! what is smooth over more than two voxels their errors cancel along the ray, as those of the trapezoidal rule do (Trefethen and
+//! Weideman, "The exponentially convergent trapezoidal rule", 2014); nothing is shifted. Of a layer that a ray is in two bricks in,
+//! each takes its part of the ray, in the middle of that part, so that bricks that are too dense for one sample a layer are
+//! integrated cell by cell beside others.
 
 #![allow(clippy::needless_range_loop, reason = "lanes and axes are indices into several arrays at once")]
 
@@ -45,8 +46,6 @@ struct Main {
     is_upward: bool,
     /// The largest optical depth of a layer of density 1.
     thickest: f32,
-    /// Between which places on that axis rays begin.
-    origins: [f64; 2],
 }
 
 /// The rays of a tile as lines over their main axis, and those that meet a brick.
@@ -61,11 +60,11 @@ pub(super) struct Planes {
     /// Of each ray in turn: how far it goes on the other axes for a layer, the optical depth of a layer of density 1, and nothing.
     forms: Box<[f32; 4 * RAYS]>,
     count: usize,
-    /// Of those that meet a brick, packed: their numbers in the tile, the first layer, their number, and where they are on the other
-    /// axes in the middle of the brick's lowest layer.
+    /// Of those that meet a brick, packed: their numbers in the tile, the first layer, between which places on the main axis they
+    /// are in the brick, and where they are on the others in the middle of the brick's lowest layer, from which places count.
     ray: Box<[f32; ROOM]>,
     first: Box<[f32; ROOM]>,
-    layers: Box<[f32; ROOM]>,
+    range: [Box<[f32; ROOM]>; 2],
     place: [Box<[f32; ROOM]>; 2],
     tables: Box<[[f32; PAIRED]; PAIRS]>,
 }
@@ -83,7 +82,7 @@ impl Default for Planes {
             count: 0,
             ray: boxed(0.0),
             first: boxed(0.0),
-            layers: boxed(0.0),
+            range: std::array::from_fn(|_| boxed(0.0)),
             place: std::array::from_fn(|_| boxed(0.0)),
             tables: boxed([0.0; PAIRED]),
         }
@@ -122,27 +121,22 @@ impl Planes {
             }
         }
         let (forms, _) = self.forms.as_chunks_mut::<4>();
-        let (mut thickest, mut origins) = (0.0_f32, [f64::INFINITY, f64::NEG_INFINITY]);
+        let mut thickest = 0.0_f32;
         for ray in 0..RAYS {
             let cells = rays.inverse[axis][ray].abs();
             let thickness = single(wanted.extinction * f64::from(rays.metres[ray]) * cells);
             forms[ray] = [single(self.slope[0][ray]), single(self.slope[1][ray]), thickness, 0.0];
             if alive(ray) {
                 thickest = thickest.max(thickness);
-                let origin = self.origin[ray];
-                origins = [origins[0].min(origin), origins[1].max(origin)];
             }
         }
-        self.main = Some(Main { axis, others, is_upward, thickest, origins });
+        self.main = Some(Main { axis, others, is_upward, thickest });
     }
 
-    /// Whether a brick that is nowhere denser than this can be taken in planes. One in which rays begin cannot, since their first
-    /// layer is a part of one.
-    pub(super) fn suits(&self, block: [i32; 3], most: f32, lit: &Lit<'_>) -> bool {
-        let Some(main) = self.main else { return false };
-        let low = f64::from(block[main.axis]) * f64::from(EDGE);
-        let begins = main.origins[1] > low && main.origins[0] < low + f64::from(EDGE);
-        most * main.thickest <= DEEPEST && !begins && !lit.has_points() && lit.exact.is_none()
+    /// Whether a brick that is nowhere denser than this can be taken in planes.
+    pub(super) fn suits(&self, most: f32, lit: &Lit<'_>) -> bool {
+        let fits = |main: Main| most * main.thickest <= DEEPEST;
+        self.main.is_some_and(fits) && !lit.has_points() && lit.exact.is_none()
     }
 }
 
@@ -222,7 +216,7 @@ impl Planes {
         // The middle of the lowest layer.
         let base = corner[main.axis] + 0.5;
         // Between which places on the main axis a ray is in the brick: found in double precision and in the same way by bricks that
-        // meet in a face, so that every sample is in one brick. None is before its ray's origin.
+        // meet in a face, so that nothing is in both. None is before its ray's origin.
         let (mut begin, mut end) = ([f64::NEG_INFINITY; LANES], [f64::INFINITY; LANES]);
         let origin = &self.origin[first..first + LANES];
         for lane in 0..LANES {
@@ -259,11 +253,10 @@ impl Planes {
             enters[lane] = single(begin[lane] - base);
             leaves[lane] = single(end[lane] - base);
         }
-        // The first layer whose middle is not before the place, and the first that is beyond the brick.
-        let layers = R::constant(token, to_f64(LAYERS));
-        let from = -(-R::load(token, &enters).within(-layers, layers + layers)).floor();
-        let to = -(-R::load(token, &leaves).within(-layers, layers + layers)).floor();
-        let (from, to) = (from.most(zero), to.least(layers));
+        let half = R::constant(token, 0.5);
+        let (low, high) = (-half, R::constant(token, to_f64(LAYERS)) - half);
+        let from = R::load(token, &enters).within(low, high);
+        let to = R::load(token, &leaves).within(low, high);
         let met = R::and(from.lt(to), R::from_bitmask(token, wanted));
         let bits = R::bitmask(met);
         if bits == 0 {
@@ -273,9 +266,10 @@ impl Planes {
         let one = R::constant(token, 1.0);
         let numbers = R::load(token, &NUMBERS) + R::constant(token, OFFSET + to_f64(first));
         numbers.compress(met).store(&mut self.ray[at..]);
-        let layer = if main.is_upward { from } else { to - one };
+        let layer = if main.is_upward { (from + half).floor() } else { -(-to - half).floor() - one };
         layer.compress(met).store(&mut self.first[at..]);
-        (to - from).compress(met).store(&mut self.layers[at..]);
+        from.compress(met).store(&mut self.range[0][at..]);
+        to.compress(met).store(&mut self.range[1][at..]);
         places[0].compress(met).store(&mut self.place[0][at..]);
         places[1].compress(met).store(&mut self.place[1][at..]);
         self.count += bits.count_ones() as usize;
@@ -287,7 +281,8 @@ impl Planes {
         for lane in self.count..self.count.next_multiple_of(LANES) {
             self.ray[lane] = single(OFFSET);
             self.first[lane] = 0.0;
-            self.layers[lane] = 0.0;
+            self.range[0][lane] = 0.0;
+            self.range[1][lane] = 0.0;
             self.place[0][lane] = 0.0;
             self.place[1][lane] = 0.0;
         }
@@ -441,31 +436,34 @@ fn through<R: Real<Scalar = f32>>(
         R::load(token, &planes.place[1][first..first + LANES]),
     ];
     let mut layer = R::load(token, &planes.first[first..first + LANES]);
-    let mut left = R::load(token, &planes.layers[first..first + LANES]);
+    let from = R::load(token, &planes.range[0][first..first + LANES]);
+    let to = R::load(token, &planes.range[1][first..first + LANES]);
     let step = if main.is_upward { one } else { -one };
     let mut through = (before * R::constant(token, -std::f64::consts::LOG2_E)).exp2(token);
     let mut depth = zero;
     let mut light = [zero; MOST_LAMPS];
-    let half = R::constant(token, std::f64::consts::LN_2);
-    let may_cross = R::bitmask(before.lt(half)) != 0;
+    let (half, ln_2) = (R::constant(token, 0.5), R::constant(token, std::f64::consts::LN_2));
+    let may_cross = R::bitmask(before.lt(ln_2)) != 0;
     let (edge, last) = (R::constant(token, 8.0), R::constant(token, 7.0));
     let row = R::constant(token, to_f64(VALUES));
     let next_row = R::bits_splat(token, 2 * 9);
     for _ in 0..LAYERS {
-        let going = zero.lt(left);
+        let (begin, end) = (from.most(layer - half), to.least(layer + half));
+        let going = begin.lt(end);
         if R::bitmask(going) == 0 {
             break;
         }
+        let middle = (begin + end) * half;
         // Rounding may take a place a little beyond the brick.
-        let p = (places[0] + layer * slopes[0]).within(zero, edge);
-        let q = (places[1] + layer * slopes[1]).within(zero, edge);
+        let p = (places[0] + middle * slopes[0]).within(zero, edge);
+        let q = (places[1] + middle * slopes[1]).within(zero, edge);
         let (cell_p, cell_q) = (p.floor().least(last), q.floor().least(last));
         let (p, q) = (p - cell_p, q - cell_q);
         let at = (layer * row + cell_p) * row + cell_q;
         let at = R::select(going, at + at, zero).lattice();
         let below = R::bits_add(at, next_row);
         let [density, shine] = sample::<R>(token, &planes.tables[0], [at, below], p, q);
-        let thick = R::select(going, density * thickness, zero);
+        let thick = R::select(going, density * thickness * (end - begin), zero);
         // 1 - e^-x, whose next term is below 2e-6 of it up to the deepest sample.
         let mut opacity = R::constant(token, 1.0 / 720.0);
         for c in [-1.0 / 120.0, 1.0 / 24.0, -1.0 / 6.0, 0.5, -1.0] {
@@ -484,15 +482,14 @@ fn through<R: Real<Scalar = f32>>(
         }
         if may_cross {
             let seen = before + depth;
-            let crosses = R::bitmask(R::and(seen.lt(half), half.le(seen + thick)));
+            let crosses = R::bitmask(R::and(seen.lt(ln_2), ln_2.le(seen + thick)));
             if crosses != 0 {
-                let (mut parts, mut layers) = ([0.0; LANES], [0.0; LANES]);
-                ((half - seen) / thick).store(&mut parts);
-                layer.store(&mut layers);
+                let mut crossed = [0.0; LANES];
+                let way = (end - begin) * (ln_2 - seen) / thick;
+                (if main.is_upward { begin + way } else { end - way }).store(&mut crossed);
                 for lane in (0..LANES).filter(|lane| crosses >> lane & 1 == 1) {
                     let ray = numbers[lane];
-                    let part = f64::from(parts[lane]);
-                    let within = f64::from(layers[lane]) + if main.is_upward { part } else { 1.0 - part };
+                    let within = 0.5 + f64::from(crossed[lane]);
                     let place = f64::from(block[main.axis]) * f64::from(EDGE) + within;
                     rays.half[ray] = (place - planes.origin[ray]) / rays.direction[main.axis][ray];
                 }
@@ -501,7 +498,6 @@ fn through<R: Real<Scalar = f32>>(
         through = through - lost;
         depth = depth + thick;
         layer = layer + step;
-        left = left - one;
     }
     let count = LANES.min(planes.count - first);
     let mut found = [0.0; LANES];

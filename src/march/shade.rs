@@ -259,6 +259,8 @@ impl<R: Real<Scalar = f32>> Group<R> {
                 let place = [place[0] * half, place[1] * half, place[2] * half];
                 trilinear(token, &Table::<COARSE>(lit.shadows[lamp]), place)
             };
+            // A place that rounding takes past a cell may be past the end of a steep slope, too.
+            let depth = depth.most(R::constant(token, 0.0));
             light = (depth * R::constant(token, -std::f64::consts::LOG2_E)).exp2(token);
         }
         let Some(corner) = lit.points[lamp] else { return light };

@@ -34,6 +34,9 @@ const DENSEST: f32 = 1e30;
 
 /// What a brick adds to the front, layer by layer: the densities that its rays meet.
 type Added = [[[f32; SIDE]; SIDE]; LAYERS];
+/// Bytes of a brick while one sun's front passes, and those that it keeps of each sun's beside a table.
+pub(super) const ADDED: u64 = size_of::<Added>() as u64;
+pub(super) const KEPT: u64 = size_of::<[Window; COARSE]>() as u64;
 
 /// Where rays are in a layer or in a plane between two: the number of the first that is not before 0, or that is not behind it,
 /// and how far from 0 it is.

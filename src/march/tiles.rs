@@ -119,9 +119,10 @@ impl View {
     fn new(camera: &Camera, size: [usize; 2], grid: &Grid) -> View {
         let row = |axis: DVec3, half: f64| {
             let axis = axis / half;
-            let at = |cell: DVec3| axis.dot(grid.to_world(cell) - camera.eye);
-            let zero = at(DVec3::ZERO);
-            (DVec3::new(at(DVec3::X) - zero, at(DVec3::Y) - zero, at(DVec3::Z) - zero), zero)
+            // Steps on their own: far from the grid's origin their differences would be those of rounding.
+            let step = |cell: DVec3| axis.dot(grid.step_to_world(cell));
+            let zero = axis.dot(grid.to_world(DVec3::ZERO) - camera.eye);
+            (DVec3::new(step(DVec3::X), step(DVec3::Y), step(DVec3::Z)), zero)
         };
         let eye = if camera.is_orthographic {
             grid.to_grid(camera.eye + camera.forward) - grid.to_grid(camera.eye)

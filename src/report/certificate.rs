@@ -19,7 +19,7 @@ use crate::field::Lattice;
 use crate::formats::vdb::VdbReadError;
 use crate::num::Level;
 use crate::scene::Scene;
-use crate::volume::{Plan, PlanError, planned_density_at};
+use crate::volume::{PlanError, planned_density_at};
 
 /// A statement about one file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -205,14 +205,13 @@ pub fn measure<L: Leaves>(
     Ok((Measured::new(found.clone(), parts), found, residuals))
 }
 
-/// Bytes that [`measure`] takes at most of a file that was baked of these bricks, unless more points are needed than it begins
-/// with.
-pub fn measuring(look: Look, plan: &Plan) -> u64 {
+/// Bytes that [`measure`] takes at most of a file that was baked of so many bricks, of which the plan took `making` bytes to
+/// make, unless more points are needed than it begins with.
+pub fn measuring(look: Look, making: u64, bricks: u64) -> u64 {
     /// Parts of the memory of the bake's plan that one with its surroundings takes more.
     const AROUND: u64 = 2;
-    let making = plan.making() as u64;
-    let file = READING + PLACE * plan.bricks() as u64;
-    Room::held(look.points) + file.max(making + making / AROUND)
+    let file = READING.saturating_add(PLACE.saturating_mul(bricks));
+    Room::held(look.points).saturating_add(file.max(making.saturating_add(making / AROUND)))
 }
 
 /// A file beside so many points.

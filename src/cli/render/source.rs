@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::Arguments;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
-use crate::cli::memory::Amount;
+use crate::cli::memory::{Amount, enough};
 use crate::cli::{Failure, Global, embedded};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
@@ -99,12 +99,16 @@ impl<'a> Drawn<'a> {
         })?;
         let meaning = meaning(&grid.info, &place);
         let bounds = bounds(&grid.tree, &place);
+        // Beside coarser voxels, which are made of them.
+        let beside_others = halvings > 0 || arguments.progressive;
+        let room = if beside_others { budget - budget / 4 } else { budget };
+        let memory = Memory { room, besides: options.budget().bytes().saturating_sub(room) };
         let baked = match &grid.tree {
-            AnyTree::Bool(tree) => baked(tree, place, meaning, budget),
-            AnyTree::Int32(tree) => baked(tree, place, meaning, budget),
-            AnyTree::Int64(tree) => baked(tree, place, meaning, budget),
-            AnyTree::Float(tree) => baked(tree, place, meaning, budget),
-            AnyTree::Double(tree) => baked(tree, place, meaning, budget),
+            AnyTree::Bool(tree) => baked(tree, place, meaning, memory),
+            AnyTree::Int32(tree) => baked(tree, place, meaning, memory),
+            AnyTree::Int64(tree) => baked(tree, place, meaning, memory),
+            AnyTree::Float(tree) => baked(tree, place, meaning, memory),
+            AnyTree::Double(tree) => baked(tree, place, meaning, memory),
             AnyTree::Vec3i(_) | AnyTree::Vec3s(_) | AnyTree::Vec3d(_) => {
                 return Err(Failure::usage(format!("{label} holds vectors, and only densities are drawn"))
                     .hint("choose another grid with --grid"));
@@ -115,7 +119,15 @@ impl<'a> Drawn<'a> {
             None => own_view(&file.info().metadata, path, bounds, options.budget(), global)?,
         };
         let medium = Medium::Baked(baked?.with(sampling));
-        Ok(Drawn { medium: medium.coarser(halvings).unwrap_or(medium), view })
+        drop(grid);
+        let medium = medium.coarser(halvings).unwrap_or(medium);
+        if let Medium::Baked(baked) = &medium {
+            let room = if arguments.progressive { room } else { budget };
+            let memory = Memory { room, besides: options.budget().bytes().saturating_sub(room) };
+            let found = baked.check_shadows(view.optics.lamps.len(), arguments.light.shadow(), room);
+            found.map_err(|error| memory.refusal(error))?;
+        }
+        Ok(Drawn { medium, view })
     }
 }
 
@@ -123,18 +135,36 @@ fn unread(path: &Path, error: VdbReadError) -> Failure {
     Failure::input(format!("cannot read {}", path.display())).because(error)
 }
 
+/// Bytes that there are for voxels, and those of the memory that are not.
+#[derive(Debug, Clone, Copy)]
+struct Memory {
+    room: u64,
+    besides: u64,
+}
+
+impl Memory {
+    fn refusal(self, error: BakedError) -> Failure {
+        match error {
+            BakedError::TooLarge { bytes, .. } => {
+                let needed = enough(self.besides.saturating_add(bytes));
+                let failure = Failure::failed("the grid takes too much memory").because(error);
+                failure.hint(format!("allow more with --memory {needed}, or so"))
+            }
+            BakedError::Background(_) => Failure::input("the grid has no end").because(error),
+        }
+    }
+}
+
+/// What is drawn of a tree, beside which it is made.
 fn baked<T: Sampled<Wide = f64>>(
     tree: &Tree<T>,
     grid: Grid,
     meaning: Meaning,
-    budget: u64,
+    Memory { room, besides }: Memory,
 ) -> Result<Baked, Failure> {
-    Baked::new(tree, grid, meaning, budget).map_err(|error| match error {
-        BakedError::TooLarge { .. } => {
-            Failure::failed("the grid takes too much memory").because(error).hint("allow more with --memory")
-        }
-        BakedError::Background(_) => Failure::input("the grid has no end").because(error),
-    })
+    let held = tree.memory_bytes();
+    let memory = Memory { room: room.saturating_sub(held), besides: besides.saturating_add(held) };
+    Baked::new(tree, grid, meaning, memory.room).map_err(|error| memory.refusal(error))
 }
 
 /// Level sets hold distances.
