@@ -1,5 +1,5 @@
-//! `--memory` is a cap where files are measured, too: of `--certify`, `--max-error`, `--max-bytes` and `verify`. What they find
-//! is the same with any.
+//! `--memory` is a cap where files are read, too: of `--certify`, `--max-error`, `--max-bytes`, `verify` and `render`. What they
+//! find is the same with any.
 
 use serde_json::Value;
 
@@ -78,5 +78,26 @@ fn voxel_sizes_are_found_below_the_cap() {
     ] {
         let bake = [&["bake", "asked.toml", "-o", "a.vdb"], arguments].concat();
         assert_capped(&folder, &bake, || folder.get("a.vdb"));
+    }
+}
+
+#[test]
+fn pictures_of_files_stay_below_the_cap() {
+    let folder = Folder::new();
+    folder.put("trefoil.toml", shipped("trefoil.toml", &[]));
+    let bake = ["bake", "trefoil.toml", "-o", "a.vdb", "--resolution", "400", "--quiet"];
+    assert_eq!(code(&folder.run(&bake)), 0);
+    let sun = |n: usize| format!("\n[[light]]\nkind = \"sun\"\ndirection = [{n}, 1, -1]\n");
+    let many: String = (1..8).map(sun).collect();
+    folder.put("many.toml", shipped("trefoil.toml", &[]) + &many);
+    for (scene, options) in [
+        ("trefoil.toml", &[][..]),
+        ("trefoil.toml", &["--shadow-step", "1"]),
+        ("many.toml", &[]),
+        ("many.toml", &["--method", "cells"]),
+        ("many.toml", &["--step", "2"]),
+    ] {
+        let render = ["render", "a.vdb", "--scene", scene, "-o", "a.exr", "--size", "64x48"];
+        assert_capped(&folder, &[&render[..], options].concat(), || folder.get("a.exr"));
     }
 }

@@ -380,7 +380,7 @@ fn wrong_arguments_are_2_and_wrong_input_is_3() {
         (&[file, "-o", image, "--memory", "10kB"], "1 error: a picture of"),
         (&[file, "-o", image, "--size", "9x5", "--memory", "16MiB"], "1 error: a picture of"),
         // What the pixels leave is too little for the file.
-        (&[file, "-o", image, "--size", "9x5", "--memory", "16800kB"], "3 error: cannot read"),
+        (&[file, "-o", image, "--size", "9x5", "--memory", "16800kB"], "1 error: cannot read"),
         (&[file, "-o", image, "--size", "32768x32768", "--memory", "300MB"], "1 error: a picture of"),
     ] {
         let message = render(arguments).expect_err("a failure");

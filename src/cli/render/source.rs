@@ -89,7 +89,8 @@ impl<'a> Drawn<'a> {
         }
         let (halvings, sampling) = (arguments.halvings()?, arguments.sampling()?);
         let path = &arguments.file;
-        let failed = |error: VdbReadError| unread(path, error);
+        let besides = options.budget().bytes().saturating_sub(budget);
+        let failed = |error: VdbReadError| unread(path, error, besides);
         let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
         let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
         let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
@@ -99,10 +100,7 @@ impl<'a> Drawn<'a> {
         })?;
         let meaning = meaning(&grid.info, &place);
         let bounds = bounds(&grid.tree, &place);
-        // Beside coarser voxels, which are made of them.
-        let beside_others = halvings > 0 || arguments.progressive;
-        let room = if beside_others { budget - budget / 4 } else { budget };
-        let memory = Memory { room, besides: options.budget().bytes().saturating_sub(room) };
+        let memory = Memory { budget, besides, shared: halvings > 0 || arguments.progressive };
         let baked = match &grid.tree {
             AnyTree::Bool(tree) => baked(tree, place, meaning, memory),
             AnyTree::Int32(tree) => baked(tree, place, meaning, memory),
@@ -122,33 +120,50 @@ impl<'a> Drawn<'a> {
         drop(grid);
         let medium = medium.coarser(halvings).unwrap_or(medium);
         if let Medium::Baked(baked) = &medium {
-            let room = if arguments.progressive { room } else { budget };
-            let memory = Memory { room, besides: options.budget().bytes().saturating_sub(room) };
-            let found = baked.check_shadows(view.optics.lamps.len(), arguments.light.shadow(), room);
-            found.map_err(|error| memory.refusal(error))?;
+            let memory = Memory { shared: arguments.progressive, ..memory };
+            let lamps = view.optics.lamps.len();
+            let found = baked.check_shadows(lamps, arguments.light.shadow(), memory.room());
+            found.map_err(|error| memory.refusal(error, 0))?;
         }
         Ok(Drawn { medium, view })
     }
 }
 
-fn unread(path: &Path, error: VdbReadError) -> Failure {
-    Failure::input(format!("cannot read {}", path.display())).because(error)
+/// Why a file could not be read in a process that takes so many bytes besides.
+fn unread(path: &Path, error: VdbReadError, besides: u64) -> Failure {
+    let message = format!("cannot read {}", path.display());
+    match error {
+        VdbReadError::Memory { needed, .. } => Failure::failed(message)
+            .because(error)
+            .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(besides)))),
+        error => Failure::input(message).because(error),
+    }
 }
 
-/// Bytes that there are for voxels, and those of the memory that are not.
+/// The memory that there is for voxels.
 #[derive(Debug, Clone, Copy)]
 struct Memory {
-    room: u64,
+    budget: u64,
+    /// Bytes that the process takes besides.
     besides: u64,
+    /// A quarter is for coarser voxels, which are made of others.
+    shared: bool,
 }
 
 impl Memory {
-    fn refusal(self, error: BakedError) -> Failure {
+    fn room(self) -> u64 {
+        if self.shared { self.budget - self.budget / 4 } else { self.budget }
+    }
+
+    /// Of what would take more beside so many bytes that are held.
+    fn refusal(self, error: BakedError, held: u64) -> Failure {
         match error {
             BakedError::TooLarge { bytes, .. } => {
-                let needed = enough(self.besides.saturating_add(bytes));
+                let voxels = bytes.saturating_add(held);
+                let all = if self.shared { voxels.saturating_add(voxels / 3 + 2) } else { voxels };
                 let failure = Failure::failed("the grid takes too much memory").because(error);
-                failure.hint(format!("allow more with --memory {needed}, or so"))
+                let needed = enough(self.besides.saturating_add(all));
+                failure.hint(format!("allow more with --memory {needed} or so"))
             }
             BakedError::Background(_) => Failure::input("the grid has no end").because(error),
         }
@@ -160,11 +175,11 @@ fn baked<T: Sampled<Wide = f64>>(
     tree: &Tree<T>,
     grid: Grid,
     meaning: Meaning,
-    Memory { room, besides }: Memory,
+    memory: Memory,
 ) -> Result<Baked, Failure> {
     let held = tree.memory_bytes();
-    let memory = Memory { room: room.saturating_sub(held), besides: besides.saturating_add(held) };
-    Baked::new(tree, grid, meaning, memory.room).map_err(|error| memory.refusal(error))
+    let room = memory.room().saturating_sub(held);
+    Baked::new(tree, grid, meaning, room).map_err(|error| memory.refusal(error, held))
 }
 
 /// Level sets hold distances.
