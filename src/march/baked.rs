@@ -248,7 +248,7 @@ impl Baked {
     /// [`BakedError::TooLarge`].
     pub fn check_shadows(&self, lamps: usize, shadow: Shadow, budget: u64) -> Result<(), BakedError> {
         /// The part that fronts take, and what allocators keep to themselves.
-        const BESIDES: u64 = 6;
+        const BESIDES: u64 = 4;
         let shadows = match shadow {
             Shadow::Cached(pitch) if lamps > 0 => {
                 let table = size_of::<f32>() * if pitch < 2.0 { FINE * FINE * FINE } else { sweep::POINTS };
