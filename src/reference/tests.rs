@@ -77,6 +77,7 @@ fn scene(tubes: Vec<Tube>) -> Scene {
         inputs: Vec::new(),
         warnings: Warnings::default(),
         origin: String::new(),
+        places: std::sync::OnceLock::new(),
         seconds: 0.0,
         moving: false,
     }

@@ -5,6 +5,7 @@
 use std::cell::{Cell, RefCell};
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
 
@@ -156,24 +157,30 @@ impl Faults {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SceneErrors {
     origin: String,
-    text: String,
+    text: Arc<str>,
     faults: Vec<Fault>,
     more: usize,
 }
 
 impl SceneErrors {
-    pub(super) fn new(origin: &str, text: &str, mut faults: Vec<Fault>, more: usize) -> SceneErrors {
+    pub(super) fn new(
+        origin: &str,
+        text: impl Into<Arc<str>>,
+        mut faults: Vec<Fault>,
+        more: usize,
+    ) -> SceneErrors {
+        let text = text.into();
         faults.sort_by_key(|fault| (fault.span.start, fault.span.end));
         let more = more.saturating_add(faults.len().saturating_sub(SHOWN));
         faults.truncate(SHOWN);
-        let starts = line_starts(text);
+        let starts = line_starts(&text);
         for fault in &mut faults {
-            let (line, column) = place(text, &starts, fault.span.start);
-            let before = line_text(text, &starts, line).get(..column).unwrap_or_default();
+            let (line, column) = place(&text, &starts, fault.span.start);
+            let before = line_text(&text, &starts, line).get(..column).unwrap_or_default();
             fault.line = line.saturating_add(1);
             fault.column = before.chars().count().saturating_add(1);
         }
-        SceneErrors { origin: origin.to_owned(), text: text.to_owned(), faults, more }
+        SceneErrors { origin: origin.to_owned(), text, faults, more }
     }
 
     /// The error of a file that is not UTF-8 text, at the first byte that is not. `None` where all of `bytes` is.
@@ -184,7 +191,7 @@ impl SceneErrors {
         let fault = Fault::at(span, "this file is not UTF-8 text")
             .label(format!("byte {} of the file", at.saturating_add(1)))
             .note("a scene is a TOML file, saved as UTF-8");
-        Some(SceneErrors::new(origin, &text, vec![fault], 0))
+        Some(SceneErrors::new(origin, text.as_ref(), vec![fault], 0))
     }
 
     /// The faults, in the order of the text; of more than a hundred the first.

@@ -50,6 +50,10 @@ pub use input::{Input, Load, MOST_INPUT};
 pub use ramp::{ColorRamp, Ramp, TemperatureRamp};
 pub use remark::{Key, Remark, Weight};
 
+use std::sync::{Arc, OnceLock};
+
+use remark::Places;
+
 use crate::curve::{Curve, FrameRule, Profile};
 
 /// A valid scene, as it is at one time.
@@ -68,6 +72,8 @@ pub struct Scene {
     pub(crate) warnings: Warnings,
     /// Name of the file that the text is from.
     pub(crate) origin: String,
+    /// Where in the text its values are; found when that is first asked for.
+    pub(crate) places: OnceLock<Arc<Places>>,
     /// Since the start frame.
     pub(crate) seconds: f64,
     /// Whether anything moves other than at a constant rate.

@@ -3,6 +3,7 @@
 use std::cell::Cell;
 use std::io;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use toml::de::DeTable;
 
@@ -110,6 +111,7 @@ fn read(
         lights: view::lights(&root),
         text: text.to_owned(),
         origin: origin.to_owned(),
+        places: known.map_or_else(OnceLock::new, |known| known.places.clone()),
         seconds,
         moving: clock.moving.get(),
         inputs: vec![],

@@ -1,6 +1,8 @@
 //! What others have to say of a scene, at its place in the text.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use annotate_snippets::Level;
 use toml::Spanned;
@@ -70,32 +72,76 @@ impl Scene {
         label: String,
         help: String,
     ) -> Remark {
-        let text = self.text.strip_prefix('\u{feff}').unwrap_or(&self.text);
-        let fault = Fault::at(locate(text, keys), title).label(label).note(help);
-        let errors = SceneErrors::new(&self.origin, text, vec![fault.clone()], 0);
+        let places = self.places.get_or_init(|| Arc::new(Places::new(&self.text)));
+        let fault = Fault::at(places.find(keys), title).label(label).note(help);
+        let errors = SceneErrors::new(&self.origin, places.text.clone(), vec![fault.clone()], 0);
         // There, it knows its line and column.
         let fault = errors.faults().first().cloned().unwrap_or(fault);
         Remark { weight, fault, errors }
     }
 }
 
-/// The bytes of a value, or of the last on the way to it that is given.
-fn locate(text: &str, keys: &[Key<'_>]) -> Range<usize> {
-    let (document, _) = DeTable::parse_recoverable(text);
-    let mut found = 0..text.find('\n').unwrap_or(text.len());
-    let mut at: Option<&Spanned<DeValue<'_>>> = None;
-    for key in keys {
-        let next = match (key, at.map(Spanned::get_ref)) {
-            (Key::Name(name), None) => document.get_ref().get(*name),
-            (Key::Name(name), Some(DeValue::Table(table))) => table.get(*name),
-            (Key::Number(number), Some(DeValue::Array(array))) => array.get(*number),
-            _ => None,
-        };
-        let Some(value) = next else { break };
-        found = value.span();
-        at = next;
+/// Where the values of a text are. There may be many remarks on a long one: it is read once, and they share it.
+#[derive(Debug)]
+pub(crate) struct Places {
+    text: Arc<str>,
+    all: Place,
+}
+
+/// The bytes of a value, and what is in it.
+#[derive(Debug)]
+struct Place {
+    span: Range<usize>,
+    within: Within,
+}
+
+#[derive(Debug)]
+enum Within {
+    Nothing,
+    Names(BTreeMap<String, Place>),
+    Numbers(Vec<Place>),
+}
+
+impl Places {
+    fn new(text: &str) -> Places {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let (document, _) = DeTable::parse_recoverable(text);
+        // What is not given at all is on the first line.
+        let span = 0..text.find('\n').unwrap_or(text.len());
+        Places { text: text.into(), all: Place { span, within: Place::of_table(document.get_ref()) } }
     }
-    found
+
+    /// The bytes of a value, or of the last on the way to it that is given.
+    fn find(&self, keys: &[Key<'_>]) -> Range<usize> {
+        let mut at = &self.all;
+        for key in keys {
+            let next = match (key, &at.within) {
+                (Key::Name(name), Within::Names(names)) => names.get(*name),
+                (Key::Number(number), Within::Numbers(numbers)) => numbers.get(*number),
+                _ => None,
+            };
+            let Some(next) = next else { break };
+            at = next;
+        }
+        at.span.clone()
+    }
+}
+
+impl Place {
+    fn new(value: &Spanned<DeValue<'_>>) -> Place {
+        let within = match value.get_ref() {
+            DeValue::Table(table) => Place::of_table(table),
+            DeValue::Array(array) => Within::Numbers(array.iter().map(Place::new).collect()),
+            _ => Within::Nothing,
+        };
+        Place { span: value.span(), within }
+    }
+
+    fn of_table(table: &DeTable<'_>) -> Within {
+        Within::Names(
+            table.iter().map(|(name, value)| (name.get_ref().to_string(), Place::new(value))).collect(),
+        )
+    }
 }
 
 #[cfg(test)]

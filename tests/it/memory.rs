@@ -90,6 +90,25 @@ fn a_scene_larger_than_the_cap_stays_below_it() {
 }
 
 /// With a cap and without, for scenes of which it bakes a sample only.
+/// Of each there is something to say, at its place in a long text.
+#[test]
+fn scenes_of_many_tubes_stay_below_the_cap() {
+    let folder = Folder::new();
+    let tube = |n: i32| {
+        let [x, y, z] = [n % 11, n / 11 % 11, n / 121];
+        format!(
+            "[[tube]]\nradius = 0.02\ncurve = {{ points = [[{x}, {y}, {z}.00], [{x}.01, {y}.02, {z}.00], [{x}, {y}, {z}.1]] }}\n"
+        )
+    };
+    folder.put("many.toml", (0..1500).map(tube).collect::<String>());
+    let cap = 100;
+    let bake = ["bake", "many.toml", "--resolution", "1200", "--json", "--quiet", "--threads", "2"];
+    let output = folder.run(&[&bake[..], &["--memory", &format!("{cap}MiB")]].concat());
+    assert_eq!(code(&output), 0, "{}", errors(&output));
+    let report = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_below(&report, cap << 20);
+}
+
 #[test]
 fn a_plan_foretells_what_the_bake_takes() {
     let folder = Folder::new();

@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use super::interrupt::Interrupt;
 use super::job::SceneOptions;
-use super::memory::enough;
+use super::memory::{enough, resident};
 use super::output::Output;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
@@ -314,7 +314,9 @@ fn draw(
     } else {
         let (compiled, view) = source::scene(arguments)?;
         field = compiled;
-        Drawn::of_scene(arguments, &field, view, budget)?
+        // Scenes of many segments take more than the program itself.
+        let scene = resident().saturating_sub(PROCESS);
+        Drawn::of_scene(arguments, &field, view, budget.saturating_sub(scene))?
     };
     let load = clock.lap();
     let view = &drawn.view;

@@ -216,9 +216,9 @@ pub(super) fn unplanned(error: PlanError) -> Failure {
 fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let name = arguments.file.display();
     let failed = |error: VdbReadError| match error {
-        VdbReadError::Memory { .. } => {
-            Failure::failed(format!("cannot read {name}")).because(error).hint("allow more with --memory")
-        }
+        VdbReadError::Memory { needed, .. } => Failure::failed(format!("cannot read {name}"))
+            .because(error)
+            .hint(format!("allow more with --memory {} or above", memory::enough(needed))),
         error => Failure::input(format!("cannot read {name}")).because(error),
     };
     let file = File::open(&arguments.file)

@@ -11,12 +11,13 @@ use super::{Arguments, PROCESS};
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source};
 use crate::cli::memory::enough;
+use crate::cli::sample::unplanned;
 use crate::cli::{Failure, text};
 use crate::field::Field;
 use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::volume::{
-    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store, Value,
+    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, Sampled, Slicing, Store, Value,
 };
 
 /// Bytes for reading leaves: what is read of a file at once, in a list that grows by doubling.
@@ -218,10 +219,6 @@ fn unread(path: &Path, error: VdbReadError) -> Failure {
             .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(PROCESS)))),
         error => Failure::input(message).because(error),
     }
-}
-
-fn unplanned(error: PlanError) -> Failure {
-    Failure::failed(error.to_string()).hint("take a larger --voxel-size, or allow more with --memory")
 }
 
 /// Evaluates an expression for a tree of any type.

@@ -104,8 +104,9 @@ impl Target {
     pub(super) fn holds(&self, slicing: &Slicing, count: usize, sliced: &Sliced) -> u64 {
         let slices = if self.streams() { 8 } else { count };
         let [width, height] = slicing.pixels();
-        // The values, and once more in the order or the form that they are written in.
-        let factors = [width, height, slices, 8, if sliced.is_vector { 3 } else { 1 }];
+        // The values, and once more in the order or the form that they are written in; of one picture of all both, and the file.
+        let bytes = if matches!(self.layout, Layout::Atlas) { 12 } else { 8 };
+        let factors = [width, height, slices, bytes, if sliced.is_vector { 3 } else { 1 }];
         factors.iter().fold(1, |bytes: u64, factor| bytes.saturating_mul(*factor as u64))
     }
 
