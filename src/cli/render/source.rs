@@ -9,6 +9,7 @@ use super::Arguments;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
 use crate::cli::memory::{Amount, enough};
+use crate::cli::sample::unplanned;
 use crate::cli::{Failure, Global, embedded};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
@@ -73,11 +74,8 @@ impl<'a> Drawn<'a> {
     ) -> Result<Drawn<'a>, Failure> {
         let lattice = view.lattice.unwrap_or(Lattice { voxel_size: 1.0 });
         let marching = arguments.marching()?;
-        let procedural =
-            Procedural::new(field, lattice, arguments.step.unwrap_or(1.0), budget).map_err(|error| {
-                Failure::failed(error.to_string())
-                    .hint("take a larger --voxel-size, or allow more with --memory")
-            })?;
+        let procedural = Procedural::new(field, lattice, arguments.step.unwrap_or(1.0), budget);
+        let procedural = procedural.map_err(unplanned)?;
         Ok(Drawn { medium: Medium::Procedural(procedural.with(marching)), view })
     }
 
