@@ -10,14 +10,13 @@ use rayon::prelude::*;
 use super::{Arguments, PROCESS};
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source};
-use crate::cli::memory::enough;
-use crate::cli::sample::unplanned;
+use crate::cli::memory::{enough, room_for};
 use crate::cli::{Failure, text};
 use crate::field::Field;
 use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::volume::{
-    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, Sampled, Slicing, Store, Value,
+    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store, Value,
 };
 
 /// Bytes for reading leaves: what is read of a file at once, in a list that grows by doubling.
@@ -209,6 +208,12 @@ impl Sliced {
 /// Of a box, or of one voxel where there is none.
 fn slicing(axis: Axis, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
     bounds.and_then(|bounds| Slicing::new(axis, bounds)).unwrap_or_else(|| Slicing::of_voxel(axis, [0; 3]))
+}
+
+fn unplanned(error: PlanError) -> Failure {
+    let larger = "take a larger --voxel-size";
+    let more = room_for(error, PROCESS).map_or_else(String::new, |more| format!(", or {more} or above"));
+    Failure::failed(error.to_string()).hint(format!("{larger}{more}"))
 }
 
 fn unread(path: &Path, error: VdbReadError) -> Failure {
