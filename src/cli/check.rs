@@ -8,9 +8,9 @@ use serde::Serialize;
 
 use super::interrupt::Interrupt;
 use super::job::{Job, Moment, Options, Source};
+use super::memory::unplanned;
 use super::output::{Output, save};
 use super::progress::Progress;
-use super::sample::unplanned;
 use super::{Failure, Global, failure, text};
 use crate::check::{
     Case, Expectation, Family, Hazard, Outcome, catalogue, expectation, families, hazards, hazards_expected,

@@ -1,11 +1,12 @@
 //! Memory: how much may be used, and how much a bake takes at most.
 
+use std::path::Path;
 use std::str::FromStr;
 
 use bytesize::ByteSize;
 
-use super::machine;
-use crate::formats::vdb::{Compression, Encoder, GridBound, VdbGridBuilder};
+use super::{Failure, machine};
+use crate::formats::vdb::{Compression, Encoder, GridBound, VdbGridBuilder, VdbReadError};
 use crate::volume::{IN_FLIGHT, Plan, PlanError};
 
 /// Bytes that the process takes without a scene: 7 to 9 MB were measured, with one brick of each scene of the project.
@@ -66,6 +67,32 @@ pub(super) fn enough(bytes: u64) -> String {
 /// What to do where a plan has no room in the memory of a process that takes so many bytes besides.
 pub(super) fn room_for(error: PlanError, besides: u64) -> Option<String> {
     error.enough().map(|plan| format!("allow more with --memory {}", enough(plan.saturating_add(besides))))
+}
+
+/// Why what was asked for could not be planned.
+pub(super) fn unplanned(error: PlanError) -> Failure {
+    /// Bytes that the program takes besides, and what is planned for takes with it.
+    const BESIDES: u64 = 64 << 20;
+    unplanned_beside(error, BESIDES)
+}
+
+/// The same in a process that takes so many bytes besides.
+pub(super) fn unplanned_beside(error: PlanError, besides: u64) -> Failure {
+    let larger = "take a larger --voxel-size";
+    let hint =
+        room_for(error, besides).map_or_else(|| larger.to_owned(), |more| format!("{larger}, or {more}"));
+    Failure::failed(error.to_string()).hint(hint)
+}
+
+/// Why a file could not be read in a process that takes so many bytes besides.
+pub(super) fn unread(path: &Path, error: VdbReadError, besides: u64) -> Failure {
+    let message = format!("cannot read {}", path.display());
+    match error {
+        VdbReadError::Memory { needed, .. } => Failure::failed(message)
+            .because(error)
+            .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(besides)))),
+        error => Failure::input(message).because(error),
+    }
 }
 
 impl FromStr for Amount {

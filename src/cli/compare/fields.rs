@@ -10,7 +10,7 @@ use super::{Arguments, Kind, figure, too_much};
 use crate::cli::Failure;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source as SceneSource};
-use crate::cli::sample::unplanned;
+use crate::cli::memory::unplanned;
 use crate::cli::text::{self, Table};
 use crate::formats::vdb::{AnyTree, VdbFile, VdbReadError};
 use crate::report::{self, FieldDifference, Gridded, Places, Procedural, Rows, Scaled, Source};

@@ -8,8 +8,7 @@ use glam::DVec3;
 use super::Arguments;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
-use crate::cli::memory::{Amount, enough};
-use crate::cli::sample::unplanned;
+use crate::cli::memory::{Amount, enough, unplanned, unread};
 use crate::cli::{Failure, Global, embedded};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
@@ -124,17 +123,6 @@ impl<'a> Drawn<'a> {
             found.map_err(|error| memory.refusal(error, 0))?;
         }
         Ok(Drawn { medium, view })
-    }
-}
-
-/// Why a file could not be read in a process that takes so many bytes besides.
-fn unread(path: &Path, error: VdbReadError, besides: u64) -> Failure {
-    let message = format!("cannot read {}", path.display());
-    match error {
-        VdbReadError::Memory { needed, .. } => Failure::failed(message)
-            .because(error)
-            .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(besides)))),
-        error => Failure::input(message).because(error),
     }
 }
 

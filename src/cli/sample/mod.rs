@@ -19,7 +19,7 @@ use crate::formats::npy;
 use crate::formats::vdb::{PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::reference::Reference;
-use crate::volume::{self, Filter, Part, PlanError, WorldToIndex};
+use crate::volume::{self, Filter, Part, WorldToIndex};
 use values::Samples;
 
 /// Bytes of a grid that are read in the time that it takes to find out where a point's voxels are, about.
@@ -191,7 +191,8 @@ fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
         (Samples::by_reference(&reference, points), "reference")
     } else {
         let budget = arguments.scene.budget().bytes();
-        let values = volume::density_at(&field, lattice, points, Level::best(), budget).map_err(unplanned)?;
+        let values =
+            volume::density_at(&field, lattice, points, Level::best(), budget).map_err(memory::unplanned)?;
         (Samples::numbers(npy::Values::F32(values)), "kernel")
     };
     Ok(Found {
@@ -204,23 +205,9 @@ fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     })
 }
 
-pub(super) fn unplanned(error: PlanError) -> Failure {
-    /// Bytes that the program takes besides, and what is planned for takes with it.
-    const BESIDES: u64 = 64 << 20;
-    let larger = "take a larger --voxel-size";
-    let hint = memory::room_for(error, BESIDES)
-        .map_or_else(|| larger.to_owned(), |more| format!("{larger}, or {more}"));
-    Failure::failed(error.to_string()).hint(hint)
-}
-
 fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     let name = arguments.file.display();
-    let failed = |error: VdbReadError| match error {
-        VdbReadError::Memory { needed, .. } => Failure::failed(format!("cannot read {name}"))
-            .because(error)
-            .hint(format!("allow more with --memory {} or above", memory::enough(needed))),
-        error => Failure::input(format!("cannot read {name}")).because(error),
-    };
+    let failed = |error: VdbReadError| memory::unread(&arguments.file, error, 0);
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let mut file = VdbFile::open_within(file, arguments.scene.budget().bytes()).map_err(failed)?;

@@ -10,13 +10,13 @@ use rayon::prelude::*;
 use super::{Arguments, PROCESS};
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source};
-use crate::cli::memory::{enough, room_for};
+use crate::cli::memory::{enough, unplanned_beside, unread};
 use crate::cli::{Failure, text};
 use crate::field::Field;
 use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::volume::{
-    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store, Value,
+    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, Sampled, Slicing, Store, Value,
 };
 
 /// Bytes for reading leaves: what is read of a file at once, in a list that grows by doubling.
@@ -95,7 +95,7 @@ impl Sliced {
             Source::read(&arguments.file, options)?.compile(options.time())?;
         let h = lattice.voxel_size;
         let budget = options.budget().bytes().saturating_sub(PROCESS);
-        let plan = Plan::new(&field, lattice, budget).map_err(unplanned)?;
+        let plan = Plan::new(&field, lattice, budget).map_err(|error| unplanned_beside(error, PROCESS))?;
         let axis = Axis::from(arguments.axis).number();
         let mut layers = BTreeMap::new();
         for origin in plan.origins() {
@@ -140,7 +140,7 @@ impl Sliced {
         axis: Axis,
         budget: u64,
     ) -> Result<Sliced, Failure> {
-        let failed = |error: VdbReadError| unread(path, error);
+        let failed = |error: VdbReadError| unread(path, error, PROCESS);
         let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
         let mut file = VdbFile::open_within(file, budget.saturating_sub(PROCESS)).map_err(failed)?;
         let Choice { number, label } = choose(file.info(), grid, failed)?;
@@ -173,7 +173,7 @@ impl Sliced {
             (&mut self.values, self.cost.whole(&self.slicing))
             && whole <= budget
         {
-            let tree: AnyTree = file.grid_at(*number).map_err(|error| unread(path, error))?.tree;
+            let tree: AnyTree = file.grid_at(*number).map_err(|error| unread(path, error, PROCESS))?.tree;
             self.values = Values::Whole(tree.into());
             return Ok(whole);
         }
@@ -199,7 +199,7 @@ impl Sliced {
             Values::Whole(tree) => of_tree(tree, slicing, planes),
             Values::File { file, number } => {
                 let part = file.grid_part_at(*number, &slicing.part(planes));
-                of_tree(&part.map_err(|error| unread(path, error))?.tree, slicing, planes)
+                of_tree(&part.map_err(|error| unread(path, error, PROCESS))?.tree, slicing, planes)
             }
         }
     }
@@ -208,22 +208,6 @@ impl Sliced {
 /// Of a box, or of one voxel where there is none.
 fn slicing(axis: Axis, bounds: Option<[[i32; 3]; 2]>) -> Slicing {
     bounds.and_then(|bounds| Slicing::new(axis, bounds)).unwrap_or_else(|| Slicing::of_voxel(axis, [0; 3]))
-}
-
-fn unplanned(error: PlanError) -> Failure {
-    let larger = "take a larger --voxel-size";
-    let more = room_for(error, PROCESS).map_or_else(String::new, |more| format!(", or {more} or above"));
-    Failure::failed(error.to_string()).hint(format!("{larger}{more}"))
-}
-
-fn unread(path: &Path, error: VdbReadError) -> Failure {
-    let message = format!("cannot read {}", path.display());
-    match error {
-        VdbReadError::Memory { needed, .. } => Failure::failed(message)
-            .because(error)
-            .hint(format!("allow more with --memory {} or above", enough(needed.saturating_add(PROCESS)))),
-        error => Failure::input(message).because(error),
-    }
 }
 
 /// Evaluates an expression for a tree of any type.
