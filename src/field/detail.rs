@@ -149,6 +149,7 @@ impl Place {
             fading,
             rates: round([rates.across, rates.along, rates.twist].map(|rate| rate * rate)),
             mean: T::from_f64(mean),
+            is_plain: region.octaves[start..].iter().all(|octave| octave.octave.is_plain()),
             displaces: None,
             displaced: [false; 3],
         }

@@ -81,6 +81,9 @@ pub struct Scratch<T> {
     pub(super) joint: Joint<T>,
     /// Place in voxels from the block's centre: only where layers ask for it.
     pub(super) place: [Lanes<T>; 3],
+    /// The layers' joint value, and the pattern of one.
+    pub(super) value: Lanes<T>,
+    pub(super) pattern: Lanes<T>,
     /// The coordinates of a layer where its warp displaces them.
     pub(super) displaced: [Lanes<T>; 3],
     /// 0, 1, ... 15.
@@ -103,6 +106,8 @@ impl<T: Scalar> Default for Scratch<T> {
             focal: room(),
             joint: Joint::default(),
             place: [room(), room(), room()],
+            value: room(),
+            pattern: room(),
             displaced: [room(), room(), room()],
             numbers: (0..16_u8).map(|i| T::from_f64(f64::from(i))).collect(),
         }

@@ -1,7 +1,7 @@
 //! Layers in the kernel.
 
 use super::kernel::{Lanes, Places, Scratch};
-use super::region::{Layer, LayerKind, Region, Sum};
+use super::region::{Layer, LayerKind, Octave, Region, Sum};
 use super::{EDGE, VOXELS};
 use crate::noise::band_weight;
 use crate::num::{Real, Scalar};
@@ -77,6 +77,9 @@ fn fade<R: Real>(
 }
 
 /// The density of the packed voxels: envelope times layers. It takes the place of the weights.
+///
+/// One layer after another, and one sum of noise after another, each over all voxels: what differs from layer to layer is
+/// then asked once, and the noise alone is in the innermost loops.
 #[inline(always)]
 pub(super) fn layers<R: Real>(
     token: R::Token,
@@ -85,82 +88,160 @@ pub(super) fn layers<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
     packed: usize,
 ) {
-    fade::<R>(token, region, &region.layers[start..end], scratch, packed);
+    let layers = &region.layers[start..end];
+    fade::<R>(token, region, layers, scratch, packed);
+    fill::<R>(R::constant(token, 1.0), &mut scratch.value, packed);
+    for layer in layers {
+        match &layer.kind {
+            LayerKind::Constant(constant) => {
+                fill::<R>(R::splat(token, *constant), &mut scratch.pattern, packed);
+            }
+            LayerKind::Sectors => sectors::<R>(token, scratch, packed),
+            LayerKind::Perlin { sums, in_world } => {
+                for sum in &region.sums[sums[0]..sums[1]] {
+                    let octaves = &region.octaves[sum.octaves[0]..sum.octaves[1]];
+                    if sum.is_plain {
+                        fractal::<R, true>(token, sum, octaves, *in_world, scratch, packed);
+                    } else {
+                        fractal::<R, false>(token, sum, octaves, *in_world, scratch, packed);
+                    }
+                    displace::<R>(token, sum, *in_world, scratch, packed);
+                }
+            }
+        }
+        join::<R>(token, layer, scratch, packed);
+    }
     let mut first = 0;
     while first < packed {
-        let mut value = R::constant(token, 1.0);
-        for layer in &region.layers[start..end] {
-            let mut term = match &layer.kind {
-                LayerKind::Constant(constant) => R::splat(token, *constant),
-                LayerKind::Sectors => {
-                    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
-                    let (u, v) =
-                        (R::load(token, scratch.u.part(first)), R::load(token, scratch.v.part(first)));
-                    R::select(zero.lt(u * v), one, zero)
-                }
-                LayerKind::Perlin { sums, in_world } => {
-                    let sums = &region.sums[sums[0]..sums[1]];
-                    fractal(token, region, sums, *in_world, scratch, first)
-                }
-            };
-            if let Some(threshold) = layer.threshold {
-                term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
-            }
-            term = term * R::splat(token, layer.multiplier);
-            value = match layer.op {
-                Op::Multiply => value * term,
-                Op::Add => value + term,
-                Op::Max => value.most(term),
-                Op::Min => value.least(term),
-            };
-        }
         let weight = R::load(token, scratch.weight.part(first));
-        (value * weight).store(scratch.weight.part_mut(first));
+        (R::load(token, scratch.value.part(first)) * weight).store(scratch.weight.part_mut(first));
         first += R::LANES;
     }
 }
 
-/// A noise layer's pattern at the packed voxels from `first`.
-///
-/// `sums` are those of the layer: what displaces the coordinates, then the pattern.
 #[inline(always)]
-pub(super) fn fractal<R: Real>(
+fn fill<R: Real>(value: R, lanes: &mut Lanes<R::Scalar>, packed: usize) {
+    let mut first = 0;
+    while first < packed {
+        value.store(lanes.part_mut(first));
+        first += R::LANES;
+    }
+}
+
+/// The pattern of sectors at the packed voxels.
+#[inline(always)]
+fn sectors<R: Real>(token: R::Token, scratch: &mut Scratch<R::Scalar>, packed: usize) {
+    let (zero, one) = (R::constant(token, 0.0), R::constant(token, 1.0));
+    let mut first = 0;
+    while first < packed {
+        let (u, v) = (R::load(token, scratch.u.part(first)), R::load(token, scratch.v.part(first)));
+        R::select(zero.lt(u * v), one, zero).store(scratch.pattern.part_mut(first));
+        first += R::LANES;
+    }
+}
+
+/// Joins a layer's pattern to the value of the layers before it.
+#[inline(always)]
+fn join<R: Real>(
     token: R::Token,
-    region: &Region<R::Scalar>,
-    sums: &[Sum<R::Scalar>],
+    layer: &Layer<R::Scalar>,
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+) {
+    let mut first = 0;
+    while first < packed {
+        let value = R::load(token, scratch.value.part(first));
+        let mut term = R::load(token, scratch.pattern.part(first));
+        if let Some(threshold) = layer.threshold {
+            term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
+        }
+        term = term * R::splat(token, layer.multiplier);
+        let joined = match layer.op {
+            Op::Multiply => value * term,
+            Op::Add => value + term,
+            Op::Max => value.most(term),
+            Op::Min => value.least(term),
+        };
+        joined.store(scratch.value.part_mut(first));
+        first += R::LANES;
+    }
+}
+
+/// A sum of noise at the packed voxels.
+///
+/// Each octave's cell is found before the octave before it is blended: the one is a chain of operations that wait for each
+/// other, so the other's fill its gaps, which the processor would not find so far ahead.
+#[inline(always)]
+fn fractal<R: Real, const PLAIN: bool>(
+    token: R::Token,
+    sum: &Sum<R::Scalar>,
+    octaves: &[Octave<R::Scalar>],
     in_world: bool,
     scratch: &mut Scratch<R::Scalar>,
-    first: usize,
-) -> R {
-    let Scratch { u, v, height, weights, place, displaced, .. } = scratch;
+    packed: usize,
+) {
+    let mean = R::splat(token, sum.mean);
+    let [start, ..] = octaves else {
+        fill::<R>(mean, &mut scratch.pattern, packed);
+        return;
+    };
+    let Scratch { u, v, height, weights, place, displaced, pattern, .. } = scratch;
     let own = if in_world { [&place[0], &place[1], &place[2]] } else { [&*u, &*v, &*height] };
-    let mut total = R::constant(token, 0.0);
-    for sum in sums {
-        let x = if sum.displaced[0] { &displaced[0] } else { own[0] };
-        let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
-        let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
+    let x = if sum.displaced[0] { &displaced[0] } else { own[0] };
+    let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
+    let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
+    let mut first = 0;
+    while first < packed {
         let at =
             [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
-        total = R::splat(token, sum.mean);
-        for octave in &region.octaves[sum.octaves[0]..sum.octaves[1]] {
-            let mut value = octave.octave.value(token, at);
+        let mut total = mean;
+        let mut cell = start.octave.cell::<R, PLAIN>(token, at);
+        let mut octave = start;
+        let mut rest = octaves[1..].iter();
+        loop {
+            let next = rest.next();
+            let ahead = match next {
+                Some(next) => next.octave.cell::<R, PLAIN>(token, at),
+                None => cell,
+            };
+            let mut value = octave.octave.at::<R, PLAIN>(token, &cell);
             if octave.fades {
                 let weight = R::load(token, weights[octave.number].part(first));
                 value = octave.octave.faded(token, value, weight);
             }
             total = total + value;
+            let Some(next) = next else { break };
             if let Some(hopeless) = octave.hopeless
                 && R::bitmask(R::splat(token, hopeless).le(total)) == 0
             {
                 break;
             }
+            (octave, cell) = (next, ahead);
         }
-        if let Some((axis, reach)) = sum.displaces {
-            let moved = R::load(token, own[axis].part(first)) + total * R::splat(token, reach);
-            moved.store(displaced[axis].part_mut(first));
-        }
+        total.store(pattern.part_mut(first));
+        first += R::LANES;
     }
-    total
+}
+
+/// Displaces the coordinate that a sum is for, if any.
+#[inline(always)]
+fn displace<R: Real>(
+    token: R::Token,
+    sum: &Sum<R::Scalar>,
+    in_world: bool,
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+) {
+    let Some((axis, reach)) = sum.displaces else { return };
+    let Scratch { u, v, height, place, displaced, pattern, .. } = scratch;
+    let own = if in_world { &place[axis] } else { [&*u, &*v, &*height][axis] };
+    let mut first = 0;
+    while first < packed {
+        let total = R::load(token, pattern.part(first));
+        let moved = R::load(token, own.part(first)) + total * R::splat(token, reach);
+        moved.store(displaced[axis].part_mut(first));
+        first += R::LANES;
+    }
 }
 
 /// The larger square of the singular values of the first octave's cells per voxel, times `r2`, the square of the radius.

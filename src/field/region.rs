@@ -162,6 +162,8 @@ pub(crate) struct Sum<T> {
     pub(crate) rates: [T; 3],
     /// What the octaves that are left out add.
     pub(crate) mean: T,
+    /// All octaves are plain ([`noise::Octave::is_plain`]).
+    pub(crate) is_plain: bool,
     /// The coordinate that it displaces for the last sum, and by how much where it is 1; `None` for that one.
     pub(crate) displaces: Option<(usize, T)>,
     /// Which of its own coordinates are displaced.

@@ -1,7 +1,7 @@
 //! Sums of octaves.
 
 use super::Form;
-use super::perlin::{Period, corners, third_hash};
+use super::perlin::{Cell, Period, third_hash};
 use crate::num::{Real, Scalar};
 
 /// One octave, ready for a block: the lattice coordinate is `cell + shift + steps p`.
@@ -59,25 +59,42 @@ impl<T: Scalar> Octave<T> {
         }
     }
 
+    /// Neither turned nor periodic, and fBm: [`Octave::cell`] and [`Octave::at`] are in less time what they are of any.
+    pub fn is_plain(&self) -> bool {
+        self.is_plain
+    }
+
     /// Its value at p, amplitude included.
     #[inline(always)]
     pub fn value<R: Real<Scalar = T>>(&self, token: R::Token, p: [R; 3]) -> R {
+        self.at::<R, false>(token, &self.cell::<R, false>(token, p))
+    }
+
+    /// Where p lies in its lattice. `PLAIN` only where it is known to be.
+    #[inline(always)]
+    pub fn cell<R: Real<Scalar = T>, const PLAIN: bool>(&self, token: R::Token, p: [R; 3]) -> Cell<R> {
         let (steps, shift) = (&self.steps, &self.shift);
         let mut at = [
             p[0] * R::splat(token, steps[0][0]) + R::splat(token, shift[0]),
             p[1] * R::splat(token, steps[1][1]) + R::splat(token, shift[1]),
             p[2] * R::splat(token, steps[2][2]) + R::splat(token, shift[2]),
         ];
-        let zs = if self.is_plain {
-            third_hash(token, self.cell[2], at[2], None)
-        } else {
+        let mut period = None;
+        if !(PLAIN || self.is_plain) {
             at[0] = at[0] + p[1] * R::splat(token, steps[0][1]) + p[2] * R::splat(token, steps[0][2]);
             at[1] = at[1] + p[0] * R::splat(token, steps[1][0]) + p[2] * R::splat(token, steps[1][2]);
             at[2] = at[2] + p[0] * R::splat(token, steps[2][0]) + p[1] * R::splat(token, steps[2][1]);
-            third_hash(token, self.cell[2], at[2], self.period)
-        };
-        let mut n = corners(token, [self.cell[0], self.cell[1]], at, zs, self.seed);
-        if !self.is_plain {
+            period = self.period;
+        }
+        let zs = third_hash(token, self.cell[2], at[2], period);
+        Cell::new(token, [self.cell[0], self.cell[1]], at, zs, self.seed)
+    }
+
+    /// Its value in a place of its lattice, amplitude included.
+    #[inline(always)]
+    pub fn at<R: Real<Scalar = T>, const PLAIN: bool>(&self, token: R::Token, cell: &Cell<R>) -> R {
+        let mut n = cell.noise(token);
+        if !(PLAIN || self.is_plain) {
             n = self.form.of(token, n);
         }
         n * R::splat(token, self.amplitude)

@@ -62,5 +62,5 @@ mod turn;
 
 pub use form::{Form, MEAN_MAGNITUDE};
 pub use fractal::{BAND, Octave, band_weight, octave_offset, octave_seed, warp_seed};
-pub use perlin::{BOUND, Period, perlin, perlin_around};
+pub use perlin::{BOUND, Cell, Period, perlin, perlin_around};
 pub use turn::{turn, turn_around};

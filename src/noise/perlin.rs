@@ -44,7 +44,7 @@ pub fn perlin_around<R: Real>(
     period: Option<Period<R::Scalar>>,
 ) -> R {
     let zs = third_hash(token, cell[2], p[2], period);
-    corners(token, [cell[0], cell[1]], p, zs, seed)
+    Cell::new(token, [cell[0], cell[1]], p, zs, seed).noise(token)
 }
 
 /// Hash terms of the cell at the third coordinate `z` and of the next.
@@ -61,42 +61,68 @@ pub(super) fn third_hash<R: Real>(
     }
 }
 
-/// The noise, with the hash terms along the third axis given.
-#[inline(always)]
-pub(super) fn corners<R: Real>(
-    token: R::Token,
-    cell: [u32; 2],
-    p: [R; 3],
-    zs: (R::Bits, R::Bits),
-    seed: u32,
-) -> R {
-    let floor = [p[0].floor(), p[1].floor(), p[2].floor()];
-    let one = R::constant(token, 1.0);
-    let (x0, y0, z0) = (p[0] - floor[0], p[1] - floor[1], p[2] - floor[2]);
-    let (x1, y1, z1) = (x0 - one, y0 - one, z0 - one);
+/// A point's place in the lattice: its offsets from the corners around it, and the corners' hashes but for the last step.
+///
+/// It depends on the point alone and can be made while the noise at another is blended, which is a chain of operations that
+/// wait for each other.
+#[derive(Debug, Clone, Copy)]
+pub struct Cell<R: Real> {
+    /// From the lower and the upper corners.
+    offset: [[R; 3]; 2],
+    /// Hash terms along the first axis, and of the other two together: of the second axis' lower and upper corners with the
+    /// third's lower, then with its upper.
+    x: (R::Bits, R::Bits),
+    yz: [R::Bits; 4],
+}
 
-    let xs = axis_hash::<R>(token, floor[0], cell[0], X_PRIME, seed);
-    let ys = axis_hash::<R>(token, floor[1], cell[1], Y_PRIME, 0);
+impl<R: Real> Cell<R> {
+    /// With the hash terms along the third axis given.
+    #[inline(always)]
+    pub(super) fn new(
+        token: R::Token,
+        cell: [u32; 2],
+        p: [R; 3],
+        zs: (R::Bits, R::Bits),
+        seed: u32,
+    ) -> Cell<R> {
+        let floor = [p[0].floor(), p[1].floor(), p[2].floor()];
+        let one = R::constant(token, 1.0);
+        let lower = [p[0] - floor[0], p[1] - floor[1], p[2] - floor[2]];
+        let upper = [lower[0] - one, lower[1] - one, lower[2] - one];
+        let x = axis_hash::<R>(token, floor[0], cell[0], X_PRIME, seed);
+        let ys = axis_hash::<R>(token, floor[1], cell[1], Y_PRIME, 0);
+        let yz = [
+            R::bits_xor(ys.0, zs.0),
+            R::bits_xor(ys.1, zs.0),
+            R::bits_xor(ys.0, zs.1),
+            R::bits_xor(ys.1, zs.1),
+        ];
+        Cell { offset: [lower, upper], x, yz }
+    }
 
-    let yz =
-        [R::bits_xor(ys.0, zs.0), R::bits_xor(ys.1, zs.0), R::bits_xor(ys.0, zs.1), R::bits_xor(ys.1, zs.1)];
-    // Hidden from the compiler, which would make one multiplication and two shifts three multiplications.
-    let finish = R::bits_splat(token, black_box(FINISH));
-    // All corners before any is blended: so in order, the processor overlaps more of their work.
-    let n = [
-        corner(token, finish, xs.0, yz[0], [x0, y0, z0]),
-        corner(token, finish, xs.1, yz[0], [x1, y0, z0]),
-        corner(token, finish, xs.0, yz[1], [x0, y1, z0]),
-        corner(token, finish, xs.1, yz[1], [x1, y1, z0]),
-        corner(token, finish, xs.0, yz[2], [x0, y0, z1]),
-        corner(token, finish, xs.1, yz[2], [x1, y0, z1]),
-        corner(token, finish, xs.0, yz[3], [x0, y1, z1]),
-        corner(token, finish, xs.1, yz[3], [x1, y1, z1]),
-    ];
-    let (u, v, w) = (fade(token, x0), fade(token, y0), fade(token, z0));
-    let (n00, n10) = (mix(n[0], n[1], u), mix(n[2], n[3], u));
-    let (n01, n11) = (mix(n[4], n[5], u), mix(n[6], n[7], u));
-    mix(mix(n00, n10, v), mix(n01, n11, v), w)
+    /// The noise there.
+    #[inline(always)]
+    pub(super) fn noise(&self, token: R::Token) -> R {
+        let [[x0, y0, z0], [x1, y1, z1]] = self.offset;
+        let (x, yz) = (&self.x, &self.yz);
+        // Hidden from the compiler, which would make one multiplication and two shifts three multiplications.
+        let finish = R::bits_splat(token, black_box(FINISH));
+        // All corners before any is blended: so in order, the processor overlaps more of their work.
+        let n = [
+            corner(token, finish, x.0, yz[0], [x0, y0, z0]),
+            corner(token, finish, x.1, yz[0], [x1, y0, z0]),
+            corner(token, finish, x.0, yz[1], [x0, y1, z0]),
+            corner(token, finish, x.1, yz[1], [x1, y1, z0]),
+            corner(token, finish, x.0, yz[2], [x0, y0, z1]),
+            corner(token, finish, x.1, yz[2], [x1, y0, z1]),
+            corner(token, finish, x.0, yz[3], [x0, y1, z1]),
+            corner(token, finish, x.1, yz[3], [x1, y1, z1]),
+        ];
+        let (u, v, w) = (fade(token, x0), fade(token, y0), fade(token, z0));
+        let (n00, n10) = (mix(n[0], n[1], u), mix(n[2], n[3], u));
+        let (n01, n11) = (mix(n[4], n[5], u), mix(n[6], n[7], u));
+        mix(mix(n00, n10, v), mix(n01, n11, v), w)
+    }
 }
 
 /// Hash terms of a cell and of the next along one axis.
