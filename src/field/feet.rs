@@ -22,20 +22,24 @@ const NO_FOOT: f64 = 1e30;
 pub(super) struct Rows<'a, R: Real> {
     piece: &'a Piece<R::Scalar>,
     places: Places<'a, R::Scalar>,
-    /// Voxel centres of a batch from its first, in y and z: batches are whole rows of z, or parts of one.
-    y: R,
-    z: R,
-    /// The plane of x that the batch lies in, and the table where it crosses the block's axis.
-    plane: usize,
-    in_plane: [R::Scalar; ROWS],
-    /// The table at the batch's first voxel.
-    first: [R::Scalar; ROWS],
-    /// What each lane adds to it.
+    /// What each lane of a batch adds to the table: batches are whole rows of z, or parts of one.
     lanes: [R; ROWS],
+    /// The plane of x that the batch lies in, and the table there where y and z are 0, lane by lane.
+    plane: usize,
+    in_plane: [R; ROWS],
+    /// What a plane's rows of z add, each at its first voxel; the row where the batch begins, and its place there.
+    steps: [[R::Scalar; ROWS]; EDGE],
+    row: usize,
+    place: R::Scalar,
 }
 
 impl<'a, R: Real> Rows<'a, R> {
     #[inline(always)]
+    #[allow(clippy::cast_precision_loss, reason = "indices below 8")]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "kernels hold no iterator adaptors: they may not be inlined"
+    )]
     pub(super) fn new(
         token: R::Token,
         piece: &'a Piece<R::Scalar>,
@@ -43,22 +47,32 @@ impl<'a, R: Real> Rows<'a, R> {
         numbers: &[R::Scalar],
     ) -> Rows<'a, R> {
         let zero = R::constant(token, 0.0);
-        let number = R::load(token, numbers);
-        let y = (number * R::constant(token, 0.125)).floor();
-        let z = number - y * R::constant(token, 8.0);
         let mut rows = Rows {
             piece,
             places,
-            y,
-            z,
-            plane: usize::MAX,
-            in_plane: piece.base,
-            first: piece.base,
             lanes: [zero; ROWS],
+            plane: usize::MAX,
+            in_plane: [zero; ROWS],
+            steps: [[R::Scalar::default(); ROWS]; EDGE],
+            row: 0,
+            place: R::Scalar::default(),
         };
-        for k in 0..ROWS {
-            let (along_y, along_z) = (R::splat(token, piece.slope[1][k]), R::splat(token, piece.slope[2][k]));
-            rows.lanes[k] = rows.y * along_y + rows.z * along_z;
+        if let Places::Centres = places {
+            let number = R::load(token, numbers);
+            let y = (number * R::constant(token, 0.125)).floor();
+            let z = number - y * R::constant(token, 8.0);
+            let [_, along_y, along_z] = &piece.slope;
+            for k in 0..ROWS {
+                rows.lanes[k] = y * R::splat(token, along_y[k]) + z * R::splat(token, along_z[k]);
+            }
+            for row in (0..EDGE).step_by((R::LANES / EDGE).max(1)) {
+                let y = R::constant(token, row as f64 - 3.5);
+                for k in (0..ROWS).step_by(R::LANES) {
+                    let (by_y, by_z) = (R::load(token, &along_y[k..]), R::load(token, &along_z[k..]));
+                    let step = by_y * y + by_z * R::constant(token, -3.5);
+                    step.store(&mut rows.steps[row][k..]);
+                }
+            }
         }
         rows
     }
@@ -76,26 +90,29 @@ impl<'a, R: Real> Rows<'a, R> {
             Places::Centres => {
                 let plane = index / (EDGE * EDGE);
                 if plane != self.plane {
-                    let x = R::Scalar::from_f64(plane as f64 - 3.5);
+                    let x = R::constant(token, plane as f64 - 3.5);
+                    let mut at = [R::Scalar::default(); ROWS];
+                    for k in (0..ROWS).step_by(R::LANES) {
+                        let (base, by_x) = (&self.piece.base[k..], &slope[0][k..]);
+                        (R::load(token, base) + R::load(token, by_x) * x).store(&mut at[k..]);
+                    }
                     for k in FROM..TO {
-                        self.in_plane[k] = self.piece.base[k] + slope[0][k] * x;
+                        self.in_plane[k] = self.lanes[k] + R::splat(token, at[k]);
                     }
                     self.plane = plane;
                 }
-                let y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
-                let z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
-                for k in FROM..TO {
-                    self.first[k] = self.in_plane[k] + slope[1][k] * y + slope[2][k] * z;
-                }
+                self.row = index / EDGE % EDGE;
+                self.place = R::Scalar::from_f64((index % EDGE) as f64);
             }
             Places::Points([x, y, z]) => {
                 let x = R::load(token, &x[index..]);
                 let y = R::load(token, &y[index..]);
                 let z = R::load(token, &z[index..]);
                 for k in FROM..TO {
-                    self.lanes[k] = x * R::splat(token, slope[0][k])
-                        + y * R::splat(token, slope[1][k])
-                        + z * R::splat(token, slope[2][k]);
+                    self.in_plane[k] = R::splat(token, self.piece.base[k])
+                        + (x * R::splat(token, slope[0][k])
+                            + y * R::splat(token, slope[1][k])
+                            + z * R::splat(token, slope[2][k]));
                 }
             }
         }
@@ -103,7 +120,8 @@ impl<'a, R: Real> Rows<'a, R> {
 
     #[inline(always)]
     pub(super) fn row(&self, token: R::Token, k: usize) -> R {
-        R::splat(token, self.first[k]) + self.lanes[k]
+        let row = self.in_plane[k] + R::splat(token, self.steps[self.row][k]);
+        if R::LANES < EDGE { row + R::splat(token, self.piece.slope[2][k] * self.place) } else { row }
     }
 }
 
