@@ -8,7 +8,6 @@ use super::feet::{Rows, across, newton};
 use super::join;
 use super::kernel::{self, Counts, Places, Scratch, along, envelope, map, pack, turned};
 use super::layers::{layers, pack_places};
-use super::near::holds;
 use super::region::{FOOT, Piece, Region, Search, U, V};
 use super::{EDGE, VOXELS};
 use crate::num::Real;
@@ -187,7 +186,7 @@ fn exactly<R: Real>(
     let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
     for (batch, valid) in valid.iter_mut().enumerate() {
         let index = batch * BATCH;
-        if !holds::<R>(near, index) {
+        if near & rows_of(batch) == 0 {
             continue;
         }
         let eta = R::load(token, scratch.eta.part(index));

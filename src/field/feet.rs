@@ -1,9 +1,9 @@
 //! Feet: where each voxel of a block has its nearest place on a piece of an axis.
 
 use super::kernel::{Places, Scratch};
-use super::near::holds;
+use super::near::Batches;
 use super::region::{FOOT, Piece, ROWS, U, V};
-use super::{EDGE, VOXELS};
+use super::EDGE;
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 
@@ -184,31 +184,31 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     let (lo, hi) = (R::constant(token, -PAST), R::constant(token, PAST));
     let tolerance = R::splat(token, piece.tolerance);
     let no_foot = R::constant(token, NO_FOOT);
-    for index in (0..VOXELS).step_by(R::LANES) {
-        if !holds::<R>(near, index) {
-            continue;
-        }
-        rows.go::<FOOT, ROWS>(token, index);
-        let equation = Equation::new(token, &rows);
-        let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
-        let mut steps = 1;
-        loop {
-            let (g, slope) = equation.at::<CUBIC>(eta);
-            let step = g / slope;
-            eta = (eta - step).within(lo, hi);
-            steps += 1;
-            if steps < STEPS {
-                continue;
-            }
-            let settled = R::and(step.abs().le(tolerance), zero.lt(slope));
-            // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
-            let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
-            if R::bitmask(open) == 0 {
-                R::select(settled, eta, no_foot).store(scratch.eta.part_mut(index));
-                break;
-            }
-            if steps == MOST_STEPS {
-                return false;
+    let mut batches = Batches::of::<R>(near);
+    while let Some([start, end]) = batches.take::<R>() {
+        for index in (start..end).step_by(R::LANES) {
+            rows.go::<FOOT, ROWS>(token, index);
+            let equation = Equation::new(token, &rows);
+            let mut eta = (zero - equation.a[0] / equation.a[1]).within(lo, hi);
+            let mut steps = 1;
+            loop {
+                let (g, slope) = equation.at::<CUBIC>(eta);
+                let step = g / slope;
+                eta = (eta - step).within(lo, hi);
+                steps += 1;
+                if steps < STEPS {
+                    continue;
+                }
+                let settled = R::and(step.abs().le(tolerance), zero.lt(slope));
+                // A voxel whose foot lies elsewhere is pushed against an end, where it need not settle.
+                let open = R::and(R::not(settled), R::and(lo.lt(eta), eta.lt(hi)));
+                if R::bitmask(open) == 0 {
+                    R::select(settled, eta, no_foot).store(scratch.eta.part_mut(index));
+                    break;
+                }
+                if steps == MOST_STEPS {
+                    return false;
+                }
             }
         }
     }
@@ -231,50 +231,50 @@ pub(super) fn bracket<R: Real>(
     let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
     let one = R::constant(token, 1.0);
     let no_foot = R::constant(token, NO_FOOT);
-    for index in (0..VOXELS).step_by(R::LANES) {
-        if !holds::<R>(near, index) {
-            continue;
+    let mut batches = Batches::of::<R>(near);
+    while let Some([start, end]) = batches.take::<R>() {
+        for index in (start..end).step_by(R::LANES) {
+            rows.go::<U, { FOOT + 3 }>(token, index);
+            let equation = Equation::new(token, &rows);
+            let (at_lo, slope_lo) = equation.at::<true>(ends[0]);
+            let (at_hi, slope_hi) = equation.at::<true>(ends[1]);
+            let mut changes = R::and(at_lo.le(zero), zero.le(at_hi));
+            let [mut lo, mut hi] = ends;
+            let falls = R::and(zero.lt(at_lo), at_hi.lt(zero));
+            if R::bitmask(falls) != 0 {
+                // The distance is largest there, not least.
+                let farthest = zero_between(token, &equation, [hi, lo]);
+                let u = across::<R, TERMS>(token, &rows, U, farthest);
+                let v = across::<R, TERMS>(token, &rows, V, farthest);
+                scratch.joint.beyond[index / R::LANES] |= R::bitmask(R::and(falls, (u * u + v * v).le(one)));
+            }
+            // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
+            let valley =
+                R::and(R::and(zero.lt(at_lo), zero.lt(at_hi)), R::and(slope_lo.lt(zero), zero.lt(slope_hi)));
+            let peak =
+                R::and(R::and(at_lo.lt(zero), at_hi.lt(zero)), R::and(zero.lt(slope_lo), slope_hi.lt(zero)));
+            if (R::bitmask(valley) | R::bitmask(peak)) != 0 {
+                let extremum = turning_point(token, &equation, ends, peak);
+                let (g, _) = equation.at::<true>(extremum);
+                let (dips, rises) = (R::and(valley, g.le(zero)), R::and(peak, zero.le(g)));
+                lo = R::select(dips, extremum, lo);
+                hi = R::select(rises, extremum, hi);
+                // A foot and a place where the distance is largest lie side by side.
+                let u = across::<R, TERMS>(token, &rows, U, extremum);
+                let v = across::<R, TERMS>(token, &rows, V, extremum);
+                let pairs = R::and(R::or(dips, rises), (u * u + v * v).le(one));
+                scratch.joint.beyond[index / R::LANES] |= R::bitmask(pairs);
+                let (g_lo, _) = equation.at::<true>(lo);
+                let (g_hi, _) = equation.at::<true>(hi);
+                changes = R::and(g_lo.le(zero), zero.le(g_hi));
+            }
+            if R::bitmask(changes) == 0 {
+                no_foot.store(scratch.eta.part_mut(index));
+                continue;
+            }
+            let foot = zero_between(token, &equation, [lo, hi]);
+            R::select(changes, foot, no_foot).store(scratch.eta.part_mut(index));
         }
-        rows.go::<U, { FOOT + 3 }>(token, index);
-        let equation = Equation::new(token, &rows);
-        let (at_lo, slope_lo) = equation.at::<true>(ends[0]);
-        let (at_hi, slope_hi) = equation.at::<true>(ends[1]);
-        let mut changes = R::and(at_lo.le(zero), zero.le(at_hi));
-        let [mut lo, mut hi] = ends;
-        let falls = R::and(zero.lt(at_lo), at_hi.lt(zero));
-        if R::bitmask(falls) != 0 {
-            // The distance is largest there, not least.
-            let farthest = zero_between(token, &equation, [hi, lo]);
-            let u = across::<R, TERMS>(token, &rows, U, farthest);
-            let v = across::<R, TERMS>(token, &rows, V, farthest);
-            scratch.joint.beyond[index / R::LANES] |= R::bitmask(R::and(falls, (u * u + v * v).le(one)));
-        }
-        // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
-        let valley =
-            R::and(R::and(zero.lt(at_lo), zero.lt(at_hi)), R::and(slope_lo.lt(zero), zero.lt(slope_hi)));
-        let peak =
-            R::and(R::and(at_lo.lt(zero), at_hi.lt(zero)), R::and(zero.lt(slope_lo), slope_hi.lt(zero)));
-        if (R::bitmask(valley) | R::bitmask(peak)) != 0 {
-            let extremum = turning_point(token, &equation, ends, peak);
-            let (g, _) = equation.at::<true>(extremum);
-            let (dips, rises) = (R::and(valley, g.le(zero)), R::and(peak, zero.le(g)));
-            lo = R::select(dips, extremum, lo);
-            hi = R::select(rises, extremum, hi);
-            // A foot and a place where the distance is largest lie side by side.
-            let u = across::<R, TERMS>(token, &rows, U, extremum);
-            let v = across::<R, TERMS>(token, &rows, V, extremum);
-            let pairs = R::and(R::or(dips, rises), (u * u + v * v).le(one));
-            scratch.joint.beyond[index / R::LANES] |= R::bitmask(pairs);
-            let (g_lo, _) = equation.at::<true>(lo);
-            let (g_hi, _) = equation.at::<true>(hi);
-            changes = R::and(g_lo.le(zero), zero.le(g_hi));
-        }
-        if R::bitmask(changes) == 0 {
-            no_foot.store(scratch.eta.part_mut(index));
-            continue;
-        }
-        let foot = zero_between(token, &equation, [lo, hi]);
-        R::select(changes, foot, no_foot).store(scratch.eta.part_mut(index));
     }
 }
 

@@ -11,7 +11,7 @@
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{layers, pack_places};
-use super::near::{self, holds};
+use super::near::{self, Batches};
 use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
 use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
@@ -206,7 +206,7 @@ pub(super) fn map<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
     counts: &mut Counts,
 ) -> usize {
-    let searched = lanes_of::<R>(near);
+    let searched = Batches::of::<R>(near).lanes::<R>();
     counts.searched += searched;
     let settled = match piece.search {
         Search::Point { is_corner } => {
@@ -234,17 +234,6 @@ pub(super) fn first_rows(count: usize) -> u64 {
     if rows >= VOXELS / EDGE { u64::MAX } else { (1 << rows) - 1 }
 }
 
-/// Lanes of the batches that have voxels of these rows.
-#[inline(always)]
-fn lanes_of<R: Real>(rows: u64) -> u64 {
-    let mut batches = rows;
-    if R::LANES > EDGE {
-        // A batch is a pair of rows.
-        batches = (rows | rows >> 1) & 0x5555_5555_5555_5555;
-    }
-    u64::from(batches.count_ones()) * R::LANES.max(EDGE) as u64
-}
-
 /// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the rows `near` only.
 /// The piece's polynomials have `N` terms.
 #[inline(always)]
@@ -260,53 +249,53 @@ fn coordinates<R: Real, const N: usize>(
     let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
     let one = R::constant(token, 1.0);
     let mut packed = 0;
-    for index in (0..VOXELS).step_by(R::LANES) {
-        scratch.inside[index / R::LANES] = 0;
-        if !holds::<R>(near, index) {
-            continue;
-        }
-        let eta = R::load(token, scratch.eta.part(index));
-        let in_range = R::and(lo.le(eta), eta.le(hi));
-        if R::bitmask(in_range) == 0 {
-            continue;
-        }
-        rows.go::<U, ROWS>(token, index);
-        let u = across::<R, N>(token, &rows, U, eta);
-        let v = across::<R, N>(token, &rows, V, eta);
-        let q = u * u + v * v;
-        let inside = R::and(in_range, q.le(one));
-        let bits = R::bitmask(inside);
-        scratch.inside[index / R::LANES] = bits;
-        if bits == 0 {
-            continue;
-        }
-        let height = along::<R, N>(token, &piece.height, eta);
-        let mut weight = envelope(token, piece, q, height);
-        if let Some(gain) = &piece.gain {
-            weight = weight * along::<R, N>(token, gain, eta);
-        }
-        let mut fade = one;
-        if let Some(speed) = &piece.speed {
-            let narrowing = narrowing(token, &rows, speed, eta);
-            fade = smoothstep(token, narrowing * R::constant(token, 5.0));
-            if piece.is_faded {
-                weight = weight * fade;
+    scratch.inside[..VOXELS / R::LANES].fill(0);
+    let mut batches = Batches::of::<R>(near);
+    while let Some([start, end]) = batches.take::<R>() {
+        for index in (start..end).step_by(R::LANES) {
+            let eta = R::load(token, scratch.eta.part(index));
+            let in_range = R::and(lo.le(eta), eta.le(hi));
+            if R::bitmask(in_range) == 0 {
+                continue;
             }
-            if piece.is_full {
-                weight = weight / narrowing.most(R::constant(token, LEAST_NARROWING));
+            rows.go::<U, ROWS>(token, index);
+            let u = across::<R, N>(token, &rows, U, eta);
+            let v = across::<R, N>(token, &rows, V, eta);
+            let q = u * u + v * v;
+            let inside = R::and(in_range, q.le(one));
+            let bits = R::bitmask(inside);
+            scratch.inside[index / R::LANES] = bits;
+            if bits == 0 {
+                continue;
             }
+            let height = along::<R, N>(token, &piece.height, eta);
+            let mut weight = envelope(token, piece, q, height);
+            if let Some(gain) = &piece.gain {
+                weight = weight * along::<R, N>(token, gain, eta);
+            }
+            let mut fade = one;
+            if let Some(speed) = &piece.speed {
+                let narrowing = narrowing(token, &rows, speed, eta);
+                fade = smoothstep(token, narrowing * R::constant(token, 5.0));
+                if piece.is_faded {
+                    weight = weight * fade;
+                }
+                if piece.is_full {
+                    weight = weight / narrowing.most(R::constant(token, LEAST_NARROWING));
+                }
+            }
+            if piece.fades || apart {
+                let radius = along::<R, N>(token, &piece.radius, eta);
+                packed_lanes(radius, inside, bits).store(scratch.radius.part_mut(packed));
+                packed_lanes(q, inside, bits).store(scratch.q.part_mut(packed));
+            }
+            if apart {
+                packed_lanes(fade, inside, bits).store(scratch.focal.part_mut(packed));
+            }
+            let [u, v] = turned(token, piece, [u, v], height);
+            pack(scratch, packed, inside, bits, [u, v, height, weight]);
+            packed += bits.count_ones() as usize;
         }
-        if piece.fades || apart {
-            let radius = along::<R, N>(token, &piece.radius, eta);
-            packed_lanes(radius, inside, bits).store(scratch.radius.part_mut(packed));
-            packed_lanes(q, inside, bits).store(scratch.q.part_mut(packed));
-        }
-        if apart {
-            packed_lanes(fade, inside, bits).store(scratch.focal.part_mut(packed));
-        }
-        let [u, v] = turned(token, piece, [u, v], height);
-        pack(scratch, packed, inside, bits, [u, v, height, weight]);
-        packed += bits.count_ones() as usize;
     }
     packed
 }
@@ -328,40 +317,40 @@ fn at_point<R: Real>(
     let turn = [1, 2, 3, 4].map(|k| R::splat(token, piece.base[U + k]));
     let radius = R::splat(token, piece.radius[0]);
     let mut packed = 0;
-    for index in (0..VOXELS).step_by(R::LANES) {
-        scratch.inside[index / R::LANES] = 0;
-        if !holds::<R>(near, index) {
-            continue;
+    scratch.inside[..VOXELS / R::LANES].fill(0);
+    let mut batches = Batches::of::<R>(near);
+    while let Some([start, end]) = batches.take::<R>() {
+        for index in (start..end).step_by(R::LANES) {
+            rows.go::<U, ROWS>(token, index);
+            let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
+            let beyond = rows.row(token, FOOT);
+            let q = u * u + v * v + beyond * beyond;
+            let mut inside = R::and(least.lt(beyond), q.le(one));
+            if is_corner {
+                inside = R::and(inside, rows.row(token, SECOND).lt(zero));
+                // Turned into the first plane, on the side that the axis turns away from.
+                let across = -(v * v + beyond * beyond).sqrt();
+                (u, v) = (turn[0] * u + turn[1] * across, turn[2] * u + turn[3] * across);
+            }
+            let bits = R::bitmask(inside);
+            scratch.inside[index / R::LANES] = bits;
+            if bits == 0 {
+                continue;
+            }
+            let mut weight = envelope(token, piece, q, zero);
+            if let Some(gain) = &piece.gain {
+                weight = weight * R::splat(token, gain[0]);
+            }
+            if piece.fades || apart {
+                radius.store(scratch.radius.part_mut(packed));
+                packed_lanes(q, inside, bits).store(scratch.q.part_mut(packed));
+            }
+            if apart {
+                one.store(scratch.focal.part_mut(packed));
+            }
+            pack(scratch, packed, inside, bits, [u, v, zero, weight]);
+            packed += bits.count_ones() as usize;
         }
-        rows.go::<U, ROWS>(token, index);
-        let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));
-        let beyond = rows.row(token, FOOT);
-        let q = u * u + v * v + beyond * beyond;
-        let mut inside = R::and(least.lt(beyond), q.le(one));
-        if is_corner {
-            inside = R::and(inside, rows.row(token, SECOND).lt(zero));
-            // Turned into the first plane, on the side that the axis turns away from.
-            let across = -(v * v + beyond * beyond).sqrt();
-            (u, v) = (turn[0] * u + turn[1] * across, turn[2] * u + turn[3] * across);
-        }
-        let bits = R::bitmask(inside);
-        scratch.inside[index / R::LANES] = bits;
-        if bits == 0 {
-            continue;
-        }
-        let mut weight = envelope(token, piece, q, zero);
-        if let Some(gain) = &piece.gain {
-            weight = weight * R::splat(token, gain[0]);
-        }
-        if piece.fades || apart {
-            radius.store(scratch.radius.part_mut(packed));
-            packed_lanes(q, inside, bits).store(scratch.q.part_mut(packed));
-        }
-        if apart {
-            one.store(scratch.focal.part_mut(packed));
-        }
-        pack(scratch, packed, inside, bits, [u, v, zero, weight]);
-        packed += bits.count_ones() as usize;
     }
     packed
 }

@@ -142,12 +142,7 @@ fn sectors<R: Real>(token: R::Token, scratch: &mut Scratch<R::Scalar>, packed: u
 
 /// Joins a layer's pattern to the value of the layers before it.
 #[inline(always)]
-fn join<R: Real>(
-    token: R::Token,
-    layer: &Layer<R::Scalar>,
-    scratch: &mut Scratch<R::Scalar>,
-    packed: usize,
-) {
+fn join<R: Real>(token: R::Token, layer: &Layer<R::Scalar>, scratch: &mut Scratch<R::Scalar>, packed: usize) {
     let mut first = 0;
     while first < packed {
         let value = R::load(token, scratch.value.part(first));

@@ -142,9 +142,39 @@ fn plane<R: Real>(token: R::Token, plane: &[R::Scalar; 3], x: R, y: R) -> R {
     R::splat(token, plane[0]) + x * R::splat(token, plane[1]) + y * R::splat(token, plane[2])
 }
 
-/// Whether the batch that begins at voxel `index` has voxels of these rows.
-#[inline(always)]
-pub(super) fn holds<R: Real>(rows: u64, index: usize) -> bool {
-    let batch = if R::LANES > EDGE { (1 << (R::LANES / EDGE)) - 1 } else { 1 };
-    rows >> (index / EDGE) & batch != 0
+/// The batches that have voxels of some rows, or where batches are shorter than a row, the rows: bit r for one that begins at
+/// row r.
+///
+/// Loops go from one set bit to the next: a question about each batch, whose answers follow no pattern, would cost as much as
+/// a batch wherever the processor guesses it wrong.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Batches(u64);
+
+impl Batches {
+    #[inline(always)]
+    pub(super) fn of<R: Real>(rows: u64) -> Batches {
+        // A batch of sixteen lanes is a pair of rows.
+        Batches(if R::LANES > EDGE { (rows | rows >> 1) & 0x5555_5555_5555_5555 } else { rows })
+    }
+
+    /// How many lanes they have.
+    #[inline(always)]
+    pub(super) fn lanes<R: Real>(self) -> u64 {
+        u64::from(self.0.count_ones()) * Batches::size::<R>() as u64
+    }
+
+    /// Takes the first of them: the voxels from one to another.
+    #[inline(always)]
+    pub(super) fn take<R: Real>(&mut self) -> Option<[usize; 2]> {
+        if self.0 == 0 {
+            return None;
+        }
+        let first = self.0.trailing_zeros() as usize * EDGE;
+        self.0 &= self.0 - 1;
+        Some([first, first + Batches::size::<R>()])
+    }
+
+    const fn size<R: Real>() -> usize {
+        if R::LANES > EDGE { R::LANES } else { EDGE }
+    }
 }
