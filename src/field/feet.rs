@@ -1,9 +1,9 @@
 //! Feet: where each voxel of a block has its nearest place on a piece of an axis.
 
+use super::EDGE;
 use super::kernel::{Places, Scratch};
 use super::near::Batches;
 use super::region::{FOOT, Piece, ROWS, U, V};
-use super::EDGE;
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 

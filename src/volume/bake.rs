@@ -33,6 +33,9 @@ use crate::num::Level;
 
 /// Bricks that one task evaluates and encodes as a run.
 const RUN: usize = 32;
+/// Bricks that are narrowed before any of them is evaluated: each of these two is more code than a processor's nearest cache
+/// holds beside the other.
+const NARROWED: usize = 8;
 /// Bricks a thread that are encoded and not yet in the sink, at most: those waiting, and those worked on.
 pub const IN_FLIGHT: usize = (AHEAD + 1) * RUN;
 
@@ -153,10 +156,10 @@ struct Done<Run> {
 /// One thread's memory.
 #[derive(Default)]
 struct Worker {
-    region: Region<f32>,
+    regions: [Region<f32>; NARROWED],
     scratch: Scratch<f32>,
     antialias: Antialias,
-    /// The run's active bricks.
+    /// The run's active bricks, and after them what may become one.
     bricks: Vec<Brick>,
 }
 
@@ -184,36 +187,44 @@ impl Worker {
             encode: 0.0,
         };
         let started = ThreadTime::now();
-        self.bricks.clear();
-        for index in bricks {
-            plan.narrow(field, index, &mut self.region);
-            if self.region.is_empty() {
-                continue;
+        let empty = Brick { origin: [0; 3], mask: [0; 8], values: [0.0; VOXELS] };
+        self.bricks.resize(RUN, empty);
+        let mut held = 0;
+        for first in bricks.clone().step_by(NARROWED) {
+            let group = first..bricks.end.min(first + NARROWED);
+            for (index, region) in group.clone().zip(&mut self.regions) {
+                plan.narrow(field, index, region);
             }
-            let mut brick = Brick { origin: plan.origin(index), mask: [0; 8], values: [0.0; VOXELS] };
-            let mut counts =
-                evaluate_block(level, &self.region, Places::Centres, &mut self.scratch, &mut brick.values);
-            if plan.has_edge(index) {
-                let (cells, taken) =
-                    self.antialias.smooth(level, &self.region, &mut self.scratch, &mut brick.values);
-                done.antialiased += cells;
-                counts.searched += taken.searched;
-                counts.bisected += taken.bisected;
-            }
-            activate(level, cutoff, &mut brick);
-            done.counts.add(counts);
-            let active = brick.active();
-            if active > 0 {
-                done.active += u64::from(active);
-                let rounded = encoder.precision().round(&mut brick.values);
-                done.clamped += rounded.clamped as u64;
-                done.vanished += rounded.vanished as u64;
-                self.bricks.push(brick);
+            for (index, region) in group.zip(&self.regions) {
+                if region.is_empty() {
+                    continue;
+                }
+                let brick = &mut self.bricks[held];
+                brick.origin = plan.origin(index);
+                let mut counts =
+                    evaluate_block(level, region, Places::Centres, &mut self.scratch, &mut brick.values);
+                if plan.has_edge(index) {
+                    let (cells, taken) =
+                        self.antialias.smooth(level, region, &mut self.scratch, &mut brick.values);
+                    done.antialiased += cells;
+                    counts.searched += taken.searched;
+                    counts.bisected += taken.bisected;
+                }
+                activate(level, cutoff, brick);
+                done.counts.add(counts);
+                let active = brick.active();
+                if active > 0 {
+                    done.active += u64::from(active);
+                    let rounded = encoder.precision().round(&mut brick.values);
+                    done.clamped += rounded.clamped as u64;
+                    done.vanished += rounded.vanished as u64;
+                    held += 1;
+                }
             }
         }
         done.evaluate = started.elapsed().as_secs_f64();
         let evaluated = ThreadTime::now();
-        for brick in &self.bricks {
+        for brick in &self.bricks[..held] {
             done.digests.push(BrickHash::new(brick));
             done.total.add_brick(brick);
             encoder.encode(brick, &mut done.run);
