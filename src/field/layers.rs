@@ -3,7 +3,7 @@
 use super::kernel::{Lanes, Places, Scratch};
 use super::region::{Layer, LayerKind, Octave, Region, Sum};
 use super::{EDGE, VOXELS};
-use crate::noise::band_weight;
+use crate::noise::{Cell, band_weight};
 use crate::num::{Real, Scalar};
 use crate::scene::Op;
 
@@ -185,37 +185,46 @@ fn fractal<R: Real, const PLAIN: bool>(
     let x = if sum.displaced[0] { &displaced[0] } else { own[0] };
     let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
     let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
+    let last = octaves.len() - 1;
     let mut first = 0;
-    while first < packed {
+    'batches: while first < packed {
         let at =
             [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
         let mut total = mean;
         let mut cell = start.octave.cell::<R, PLAIN>(token, at);
-        let mut octave = start;
-        let mut rest = octaves[1..].iter();
-        loop {
-            let next = rest.next();
-            let ahead = match next {
-                Some(next) => next.octave.cell::<R, PLAIN>(token, at),
-                None => cell,
-            };
-            let mut value = octave.octave.at::<R, PLAIN>(token, &cell);
-            if octave.fades {
-                let weight = R::load(token, weights[octave.number].part(first));
-                value = octave.octave.faded(token, value, weight);
-            }
-            total = total + value;
-            let Some(next) = next else { break };
+        for k in 0..last {
+            let octave = &octaves[k];
+            let ahead = octaves[k + 1].octave.cell::<R, PLAIN>(token, at);
+            total = total + weighted::<R, PLAIN>(token, octave, &cell, weights, first);
             if let Some(hopeless) = octave.hopeless
                 && R::bitmask(R::splat(token, hopeless).le(total)) == 0
             {
-                break;
+                total.store(pattern.part_mut(first));
+                first += R::LANES;
+                continue 'batches;
             }
-            (octave, cell) = (next, ahead);
+            cell = ahead;
         }
+        total = total + weighted::<R, PLAIN>(token, &octaves[last], &cell, weights, first);
         total.store(pattern.part_mut(first));
         first += R::LANES;
     }
+}
+
+/// An octave's value at the packed voxels from `first`, as much of it as has not faded.
+#[inline(always)]
+fn weighted<R: Real, const PLAIN: bool>(
+    token: R::Token,
+    octave: &Octave<R::Scalar>,
+    cell: &Cell<R>,
+    weights: &[Lanes<R::Scalar>],
+    first: usize,
+) -> R {
+    let value = octave.octave.at::<R, PLAIN>(token, cell);
+    if !octave.fades {
+        return value;
+    }
+    octave.octave.faded(token, value, R::load(token, weights[octave.number].part(first)))
 }
 
 /// Displaces the coordinate that a sum is for, if any.

@@ -23,10 +23,16 @@ impl WithLevel for Bare<'_> {
                 R::load(token, &self.points[1][first..]),
                 R::load(token, &self.points[2][first..]),
             ];
+            // In the order in which kernels sum: each octave's cell before the octave before it is blended.
+            let last = self.octaves.len() - 1;
             let mut sum = R::constant(token, 0.0);
-            for octave in self.octaves {
-                sum = sum + octave.value(token, p);
+            let mut cell = self.octaves[0].cell::<R, true>(token, p);
+            for k in 0..last {
+                let ahead = self.octaves[k + 1].cell::<R, true>(token, p);
+                sum = sum + self.octaves[k].at::<R, true>(token, &cell);
+                cell = ahead;
             }
+            sum = sum + self.octaves[last].at::<R, true>(token, &cell);
             sum.store(&mut self.out[first..]);
         }
     }
