@@ -218,7 +218,7 @@ pub fn hazards_expected(
             ("stiff shadows", if depth > 10.0 { Weight::Warning } else { Weight::Note }, depth),
             &[Key::Name("medium"), Key::Name("extinction")],
             format!("an optical depth of up to {} in a voxel", figure(depth)),
-            "tabled shadows are off by 13 % at 2 a voxel and 37 % at 10: draw it with --shadow exact, or with smaller voxels",
+            "tabled shadows are off by some 10 % at 2 a voxel and 30 to 40 % at 10: draw it with --shadow exact, or with smaller voxels",
         );
     }
     sorted(found)

@@ -54,6 +54,8 @@ mod exact;
 mod grid;
 mod majorant;
 mod medium;
+#[cfg(test)]
+mod memory_tests;
 mod methods;
 mod nodes;
 mod optics;

@@ -348,7 +348,8 @@ impl<'a> Picture<'a> {
         self.tiles.count()
     }
 
-    fn tile(
+    /// What the rays of a tile see, of the sample at a place in each pixel.
+    pub(super) fn tile(
         &self,
         tile: usize,
         at: DVec2,
@@ -406,8 +407,8 @@ impl<'a> Picture<'a> {
 }
 
 /// What a ray saw.
-#[derive(Debug, Clone, Copy)]
-struct Pixel {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pixel {
     radiance: DVec3,
     depth: f64,
     half: f64,

@@ -56,6 +56,16 @@ pub(super) struct Worker {
     counts: [u64; 2],
 }
 
+#[cfg(test)]
+impl Worker {
+    /// Leaves something in all places, as tiles do.
+    pub(super) fn soil(&mut self, mut of: impl FnMut() -> f32) {
+        for room in self.places.iter_mut().chain([&mut self.values]) {
+            room.0.fill_with(&mut of);
+        }
+    }
+}
+
 impl<'a> Procedural<'a> {
     /// The field's density, its octaves fading as they do for the lattice. Rays take steps of `step` voxels, and shorter
     /// ones where it is dense. Planned in no more than `budget` bytes.
@@ -94,7 +104,7 @@ impl<'a> Procedural<'a> {
     }
 
     /// Places that the density was evaluated at so far, and how many of them were inside a tube (of several pieces of tubes
-    /// at one place each counts).
+    /// at one place each counts, and so do the repetitions of a place that fill lanes).
     pub fn places(&self) -> [u64; 2] {
         self.places.each_ref().map(|count| count.load(Ordering::Relaxed))
     }
@@ -249,16 +259,13 @@ impl Procedural<'_> {
         self.plan.narrow(self.field, brick, &mut worker.region);
         for places in places.chunks(VOXELS) {
             let middle = 0.5 * f64::from(EDGE);
-            let count = places.len().next_multiple_of(LANES);
             for axis in 0..3 {
                 let room = &mut worker.places[axis].0;
                 for (to, place) in room.iter_mut().zip(places) {
                     *to = single(place[axis] - middle);
                 }
-                // The rest of a whole batch of lanes.
-                room[places.len()..places.len() + LANES].fill(0.0);
             }
-            self.evaluate(level, worker, count, None);
+            self.evaluate(level, worker, places.len(), None);
             out.extend_from_slice(&worker.values.0[..places.len()]);
         }
         worker.counts = [0; 2];
@@ -277,6 +284,15 @@ impl Procedural<'_> {
 
     /// The densities at the first places of a worker, mapped where they are nodes only, if there are such.
     fn evaluate(&self, level: Level, worker: &mut Worker, count: usize, nodes: Option<u32>) {
+        let whole = count.next_multiple_of(LANES).min(VOXELS);
+        // The last one repeats to the end of its batch, in which all go on until each has found its foot: what is evaluated
+        // together must follow from the rays alone.
+        if count > 0 {
+            for room in &mut worker.places {
+                let last = room.0[count - 1];
+                room.0[count..whole].fill(last);
+            }
+        }
         let [x, y, z] = &worker.places;
         if let Some(values) = worker.values.all_mut()
             && let (Some(x), Some(y), Some(z)) = (x.all(), y.all(), z.all())
@@ -285,8 +301,6 @@ impl Procedural<'_> {
             let counts = match nodes {
                 Some(nodes) => evaluate_every(level, region, [x, y, z], (count, nodes), scratch, values),
                 None => {
-                    // Whole batches; what the last one's other lanes hold is of no matter.
-                    let whole = count.next_multiple_of(LANES).min(VOXELS);
                     let places = Places::Points([&x[..whole], &y[..whole], &z[..whole]]);
                     evaluate_block(level, region, places, scratch, values)
                 }

@@ -246,18 +246,19 @@ impl Hits {
         self.count += bits.count_ones() as usize;
     }
 
-    /// Fills the last group's unused lanes with rays that meet nothing.
+    /// Fills the last group's unused lanes with its last ray, cut down to nothing: what is worked out together must follow
+    /// from the rays that meet the brick alone.
     #[inline(always)]
     pub(super) fn fill(&mut self) {
+        let Some(last) = self.count.checked_sub(1) else { return };
         for lane in self.count..self.count.next_multiple_of(LANES) {
-            self.ray[lane] = 0.0;
+            self.ray[lane] = self.ray[last];
             for axis in 0..3 {
-                self.position[axis][lane] = 0.5;
-                self.direction[axis][lane] = 0.0;
+                self.position[axis][lane] = self.position[axis][last];
+                self.direction[axis][lane] = self.direction[axis][last];
             }
-            self.direction[0][lane] = 1.0;
-            self.begin[lane] = 0.0;
-            self.end[lane] = 0.0;
+            self.begin[lane] = self.begin[last];
+            self.end[lane] = self.begin[last];
         }
     }
 }

@@ -4,6 +4,11 @@
 //! them are at one place of their cells: a sample is a sum of neighbours with the same weights for all. The sums so far are a
 //! front that moves through the bricks; each keeps what it needs of it for the depths at every second corner of its cells. Samples are those
 //! of [`planes`](super::planes).
+//!
+//! A sun along an axis has its rays in every second column of voxels all the way: the columns between them cast no shadow. Rays half
+//! a voxel beside would see both alike, but none would pass through the points whose depths are kept: of `tornado` (resolution 192)
+//! the errors of three suns along axes grew by a seventh, by three quarters and to twice, and of noise with 2.5 voxels to a cell
+//! they changed by a tenth at most. Suns a little beside an axis, which see all columns, were off by more than these of `tornado`.
 
 #![allow(clippy::needless_range_loop, reason = "axes are indices into several arrays at once")]
 
