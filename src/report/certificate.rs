@@ -132,6 +132,8 @@ impl Room {
 
     /// What is made in the memory beside so many points.
     fn make<T>(self, points: usize, make: impl FnOnce(u64) -> Result<T, PlanError>) -> Result<T, TrialError> {
+        // What the last one took is still the process's where the allocator keeps it.
+        vdbake_heap::give_back();
         make(self.beside(points)?).map_err(|error| Room::refusal(points, error))
     }
 
@@ -195,6 +197,7 @@ pub fn measure<L: Leaves>(
     let residuals = Residuals { points: places, values, chords, depths: [of_truth, of_file] };
     let found = residuals.difference(volume);
     let [truth, stored] = &residuals.values;
+    vdbake_heap::give_back();
     let survey = Survey::new(scene, look, room.beside(points)?);
     let kernel: Vec<f64> = kernel.into_iter().map(f64::from).collect();
     let parts = survey.parts_at(lattice, &residuals.points, [truth, stored], &kernel);
@@ -222,6 +225,7 @@ fn opened<L: Leaves>(
     lattice: Lattice,
     look: Look,
 ) -> Result<Paged<L>, TrialError> {
+    vdbake_heap::give_back();
     let bytes = room.beside(points)?;
     let beside = |needed: u64| TrialError::Memory {
         needed: Room::held(points).saturating_add(needed).saturating_add(READING),

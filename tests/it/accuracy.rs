@@ -10,6 +10,7 @@ use vdbake::scene::Scene;
 use vdbake::volume::{Filter, Precision};
 
 use crate::cli::{Folder, code, errors, number, text};
+use crate::measuring::mebibytes;
 use crate::oracle::{judge, script};
 use crate::support::stderr;
 
@@ -89,15 +90,16 @@ fn parts_of_an_error_add_up_or_say_why_not() {
     }
 }
 
-/// Bakes to an error, and measures at other points with another command.
-fn bake_to(folder: &Folder, scene: &str, error: f64, memory: Option<&str>) {
+/// Bakes to an error, and measures at other points with another command: gives the voxel size.
+fn bake_to(folder: &Folder, scene: &str, error: f64, memory: Option<&str>) -> String {
     folder.put("asked.toml", scene);
     folder.put("truth.toml", unlimited(scene));
     let asked = error.to_string();
-    let memory = memory.unwrap_or("16GiB");
+    let memory = memory.unwrap_or("16384MiB");
     let bake =
         ["bake", "asked.toml", "-o", "asked.vdb", "--max-error", &asked, "--memory", memory, "--quiet"];
     let report = folder.json(&bake);
+    assert_below(&report, memory);
     let reached = &report["certificate"]["goal"];
     let (achieved, at_most) = (real(&reached["achieved"]), real(&reached["at_most"]));
     assert!(at_most <= error && achieved >= 0.7 * error, "{error}: {reached}");
@@ -108,6 +110,15 @@ fn bake_to(folder: &Folder, scene: &str, error: f64, memory: Option<&str>) {
     let [low, high] = [0, 1].map(|end| real(&found["intervals"]["relative_l2"][end]));
     let measured = &report["certificate"]["measured"]["intervals"]["relative_l2"];
     assert!(low <= real(&measured[1]) && real(&measured[0]) <= high, "{measured} and {low} to {high}");
+    size
+}
+
+/// The process took no more than it was allowed.
+fn assert_below(report: &Value, memory: &str) {
+    if cfg!(target_os = "linux") {
+        let peak = number(&report["peak_rss_bytes"]);
+        assert!(peak <= mebibytes(memory) << 20, "{peak} bytes within {memory}");
+    }
 }
 
 #[test]
@@ -134,7 +145,11 @@ fn a_refusal_says_with_how_many_octaves_an_error_is_met() {
     let octaves = told.split("with octaves = ").nth(1).and_then(|rest| rest.split(',').next());
     let octaves = octaves.unwrap_or_else(|| panic!("{told}"));
     let fewer = galaxy.replace("octaves = 7", &format!("octaves = {octaves}"));
-    bake_to(&folder, &fewer, 5e-3, Some(memory));
+    let size = bake_to(&folder, &fewer, 5e-3, Some(memory));
+    // The same bricks and the same file, measured without a search before.
+    let bake = ["bake", "asked.toml", "-o", "again.vdb", "--voxel-size", &size, "--certify"];
+    assert_below(&folder.json(&[&bake[..], &["--memory", memory]].concat()), memory);
+    assert_below(&folder.json(&["verify", "asked.vdb", "--memory", memory]), memory);
 }
 
 #[test]

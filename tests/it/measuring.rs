@@ -20,7 +20,7 @@ fn run(folder: &Folder, arguments: &[&str], memory: &str) -> Result<Value, Strin
 }
 
 /// Bytes of an amount such as 20MiB.
-fn mebibytes(amount: &str) -> u64 {
+pub(crate) fn mebibytes(amount: &str) -> u64 {
     amount.strip_suffix("MiB").and_then(|number| number.parse().ok()).expect("whole MiB")
 }
 
