@@ -13,8 +13,8 @@ use crate::volume::{IN_FLIGHT, Plan, PlanError};
 const PROCESS: u64 = 11 << 20;
 /// Bytes that the program takes besides plans, grids and pictures, where it does not bake: 12 MB were measured.
 pub(super) const PROGRAM: u64 = 16 << 20;
-/// Bytes for each thread: a run of bricks, working memory of the evaluation, and of the encoder.
-const THREAD: u64 = 384 << 10;
+/// Bytes for each thread: a run of bricks, working memory of the evaluation with what it narrows ahead, and of the encoder.
+const THREAD: u64 = 512 << 10;
 /// Bytes besides for each thread that makes zlib streams.
 const ZLIB: u64 = 256 << 10;
 /// Bytes of the program itself that a bake comes to use.
