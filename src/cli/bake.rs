@@ -427,17 +427,15 @@ fn empty_grid(
     // Of one that is searched for.
     let budget = if measured { job.budget().saturating_sub(job.kept()) } else { job.budget() };
     let grid = VdbGridBuilder::with_encoder(job.encoder).with_room(plan.bricks());
-    // What it gives back should be of use to the next frame, or to measuring.
-    let ahead = if measured || job.settings.frame.is_some() { need.leaves() } else { 0 };
     if need.spool(budget) == 0 {
-        return Ok(grid.with_bytes(ahead));
+        return Ok(grid);
     }
     let failed = |error| {
         let folder = output.folder().display();
         Failure::failed(format!("cannot make a temporary file in {folder}")).because(io::Error::from(error))
     };
     let spool = output.spool().map_err(|error| failed(error.kind()))?;
-    Ok(grid.with_spool(need.room(budget), spool).with_bytes(ahead))
+    Ok(grid.with_spool(need.room(budget), spool))
 }
 
 /// Evaluates and encodes all bricks.
@@ -463,6 +461,7 @@ fn write(
     grid: &VdbGridBuilder,
     interrupt: &Interrupt,
 ) -> Result<u64, VdbWriteError> {
+    output.allocate(grid.encoded_bytes());
     let file = Watched { inner: output.file(), interrupt };
     let bytes = vdb::write(file, header, &[(&job.grid_header(), grid)])?;
     output.sync().map_err(io::Error::into).map(|()| bytes)

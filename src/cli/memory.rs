@@ -171,18 +171,13 @@ impl Need {
 
     /// What cannot do without.
     pub(super) fn least(&self) -> u64 {
-        let baking = self.fixed() + self.leaves.min(VdbGridBuilder::<f32>::LEAST_MEMORY);
+        let baking = self.fixed() + in_pieces(self.leaves).min(VdbGridBuilder::<f32>::LEAST_MEMORY);
         baking.max(self.process + self.making)
     }
 
     /// Upper bound of what is taken of a budget.
     pub(super) fn most(&self, budget: u64) -> u64 {
-        self.least().max(self.fixed() + self.leaves.min(self.room(budget)))
-    }
-
-    /// Upper bound of encoded leaves.
-    pub(super) fn leaves(&self) -> u64 {
-        self.leaves
+        self.least().max(self.fixed() + in_pieces(self.leaves).min(self.room(budget)))
     }
 
     /// What a budget leaves for encoded leaves.
@@ -206,10 +201,15 @@ impl Need {
         // A quarter of those that may be in flight is, as large as bricks are on average.
         let in_flight =
             self.in_flight.min(2 * self.in_flight_bricks * (encoded / self.bricks.max(1) + PLACE)) / 4;
-        let values = encoded - self.spooled(budget, encoded);
+        let values = in_pieces(encoded - self.spooled(budget, encoded));
         let baking = WORKING + self.threads + in_flight + self.plan + topology + values;
         (resident + baking.max(self.making)).min(self.most(budget))
     }
+}
+
+/// What encoded leaves take in memory, which is taken in pieces.
+fn in_pieces(leaves: u64) -> u64 {
+    leaves.next_multiple_of(VdbGridBuilder::<f32>::LEAST_MEMORY)
 }
 
 #[cfg(test)]

@@ -94,6 +94,13 @@ impl Output {
         self.temporary.as_file()
     }
 
+    /// Asks for room for so many bytes, and no more than will be written, at once, which takes the system a good part less than
+    /// finding it page by page.
+    pub(super) fn allocate(&self, bytes: u64) {
+        // Not every file system can do it, and where there is no room, writing tells.
+        let _ = fs4::FileExt::allocate(self.file(), bytes);
+    }
+
     /// Makes sure of what was written.
     pub(super) fn sync(&self) -> io::Result<()> {
         self.file().sync_all()

@@ -86,7 +86,7 @@ fn cover(
     let arc = t.map(|t| tube.curve.arc_length(segment, t));
     let middle = 0.5 * (t[0] + t[1]);
     #[allow(clippy::cast_precision_loss, reason = "eight")]
-    if arc[1] - arc[0] > 1.25 * EDGE as f64 * h && middle > t[0] && middle < t[1] {
+    if arc[1] - arc[0] > 2.5 * EDGE as f64 * h && middle > t[0] && middle < t[1] {
         cover(tube, index, part, [t[0], middle], h, most, out)?;
         return cover(tube, index, part, [middle, t[1]], h, most, out);
     }

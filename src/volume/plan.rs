@@ -88,8 +88,10 @@ const EDGE: Contact = 2;
 const MOST_CAPSULES: usize = 1 << 24;
 /// Where the brick begins, in a contact.
 const BRICK: u32 = 26;
-/// Bits that number a brick in its lower node, of 16^3.
-const IN_NODE: u32 = 12;
+/// Bricks along an edge of a lower node, as a power of two.
+const NODE: u32 = 4;
+/// Bits that number a brick in its lower node.
+const IN_NODE: u32 = 3 * NODE;
 /// More lower nodes than this cannot be numbered.
 const MOST_NODES: usize = 1 << (64 - BRICK - IN_NODE);
 /// Bytes that a brick takes at least until it is planned, where one capsule reaches it.
@@ -173,9 +175,15 @@ impl Plan {
         contacts.try_reserve_exact(count).map_err(|_| too_many)?;
         contacts.resize(count, 0);
         let parts = split(&mut contacts, &counts);
-        find_contacts(field, lattice, &cover, [extent, reach], has_edges, parts, |block| {
-            contact_of(file_order(block, root), &nodes)
-        });
+        find_contacts(
+            field,
+            lattice,
+            &cover,
+            [extent, reach],
+            has_edges,
+            parts,
+            &Nodes { keys: &nodes, root },
+        );
         drop(counts);
         contacts.par_sort_unstable();
 
@@ -354,13 +362,14 @@ impl Census {
             .map(|capsules| {
                 let (mut counts, mut nodes) = (Vec::with_capacity(CAPSULES), Vec::new());
                 for capsule in capsules {
-                    let mut count = 0;
+                    let (mut count, mut last) = (0, None);
                     capsule.blocks(field, lattice, reach, |block| {
                         count += 1;
-                        let node = file_order(block, root) >> IN_NODE;
-                        // Those of a row are mostly in one.
-                        if nodes.last() != Some(&node) {
-                            nodes.push(node);
+                        // Those of a row are mostly in one node.
+                        let node = Some(block.map(|b| b >> NODE));
+                        if node != last {
+                            nodes.push(file_order(block, root) >> IN_NODE);
+                            last = node;
                         }
                     });
                     counts.push(count);
@@ -391,7 +400,7 @@ fn split<'a>(mut rest: &'a mut [Contact], counts: &[usize]) -> Vec<&'a mut [Cont
     places
 }
 
-/// Puts the contacts of all capsules into their places. `contact` makes the brick's part of one.
+/// Puts the contacts of all capsules into their places.
 fn find_contacts(
     field: &Field,
     lattice: Lattice,
@@ -399,13 +408,13 @@ fn find_contacts(
     [extent, reach]: [Extent; 2],
     has_edges: bool,
     places: Vec<&mut [Contact]>,
-    contact: impl Fn([i64; 3]) -> Contact + Sync,
+    nodes: &Nodes,
 ) {
     places.into_par_iter().zip(cover).enumerate().for_each(|(number, (place, capsule))| {
         let number = number as u64;
         let edges = if has_edges { field.edges(capsule, lattice) } else { None };
         let centres = capsule.near(field, lattice, extent);
-        let mut place = place.iter_mut();
+        let (mut place, mut node) = (place.iter_mut(), None);
         capsule.near(field, lattice, reach).visit(|block, o| {
             let mut flags = CENTRES;
             if has_edges && !centres.reaches(block, o) {
@@ -415,16 +424,35 @@ fn find_contacts(
                 flags |= EDGE;
             }
             if let Some(place) = place.next() {
-                *place = contact(block) | number << 2 | flags;
+                *place = nodes.contact(block, &mut node) | number << 2 | flags;
             }
         });
     });
 }
 
-/// The brick's part of a contact. `nodes` are the keys of all lower nodes, sorted.
-fn contact_of(key: u64, nodes: &[u64]) -> Contact {
-    let node = nodes.partition_point(|node| *node < key >> IN_NODE) as u64;
-    (node << IN_NODE | key & ((1 << IN_NODE) - 1)) << BRICK
+/// The lower nodes that have bricks.
+struct Nodes<'a> {
+    /// Their keys, sorted.
+    keys: &'a [u64],
+    root: [i64; 3],
+}
+
+impl Nodes<'_> {
+    /// The brick's part of a contact. `last` are the coordinates and the number of the node that was asked for last: those of a
+    /// row are mostly in one.
+    fn contact(&self, block: [i64; 3], last: &mut Option<([i64; 3], u64)>) -> Contact {
+        let node = block.map(|b| b >> NODE);
+        let number = match *last {
+            Some((of, number)) if of == node => number,
+            _ => {
+                let key = file_order(block, self.root) >> IN_NODE;
+                self.keys.partition_point(|other| *other < key) as u64
+            }
+        };
+        *last = Some((node, number));
+        let brick = block.iter().fold(number, |key, b| key << NODE | (b.cast_unsigned() & ((1 << NODE) - 1)));
+        brick << BRICK
+    }
 }
 
 /// Calls `visit` for every brick that is to be evaluated, with its part of its contacts, whether an edge may pass through
@@ -463,7 +491,7 @@ fn index_range(field: &Field, lattice: Lattice) -> Result<[i64; 3], PlanError> {
 /// Order of bricks in a file: by root node, then by node of 128^3 voxels, then by brick, x before y before z in each.
 fn file_order(block: [i64; 3], root: [i64; 3]) -> u64 {
     let mut key = 0;
-    for (shift, bits) in [(ROOT, 12), (4, 5), (0, 4)] {
+    for (shift, bits) in [(ROOT, 12), (NODE, 5), (0, NODE)] {
         for axis in 0..3 {
             let relative = block[axis] - (root[axis] << ROOT);
             key = key << bits | ((relative >> shift).cast_unsigned() & ((1 << bits) - 1));
@@ -476,7 +504,7 @@ fn file_order(block: [i64; 3], root: [i64; 3]) -> u64 {
 #[allow(clippy::cast_possible_truncation, reason = "indices were checked to fit 32 bits")]
 fn block_of(mut key: u64, root: [i64; 3]) -> [i32; 3] {
     let mut block = root.map(|r| r << ROOT);
-    for (shift, bits) in [(0, 4), (4, 5), (ROOT, 12)] {
+    for (shift, bits) in [(0, NODE), (NODE, 5), (ROOT, 12)] {
         for axis in (0..3).rev() {
             block[axis] += (key & ((1 << bits) - 1)).cast_signed() << shift;
             key >>= bits;

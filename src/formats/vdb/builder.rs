@@ -110,7 +110,8 @@ impl VdbGridBuilder {
 }
 
 impl<T: Voxel> VdbGridBuilder<T> {
-    /// Bytes of encoded leaves that stay in memory whatever the spool, where there are so many.
+    /// Bytes of encoded leaves that stay in memory whatever the spool, where there are so many: they are kept in pieces of
+    /// this size, which the last of them fills in part.
     pub const LEAST_MEMORY: u64 = PIECE as u64;
 
     /// A grid with no voxels, for bricks of this encoder.
@@ -130,14 +131,6 @@ impl<T: Voxel> VdbGridBuilder<T> {
     #[must_use]
     pub fn with_room(mut self, leaves: usize) -> Self {
         self.topology.reserve(leaves);
-        self
-    }
-
-    /// Makes room for so many bytes of encoded leaves, but for those that go to the spool. Bricks may then be appended on any
-    /// thread, and memory is still that of the one that calls this, which matters to allocators that keep it apart by thread.
-    #[must_use]
-    pub fn with_bytes(mut self, bytes: u64) -> Self {
-        self.buffers.reserve(bytes);
         self
     }
 

@@ -95,7 +95,7 @@ impl Encoder {
         let only_active = self.compression != Compression::None && active.iter().any(|word| *word != 0);
         out.push(if only_active { CODE_ACTIVE_ONLY } else { CODE_ALL });
         SCRATCH.with_borrow_mut(|Scratch { kept, halves, packer }| {
-            T::gather(active, values, only_active, kept);
+            let kept = T::gather(active, values, only_active, kept);
             match self.precision {
                 Precision::F32 => packer.pack(self.compression, kept, out),
                 Precision::F16 => {
@@ -123,40 +123,55 @@ impl Encoder {
     }
 }
 
-/// Replaces `kept` by the numbers of active values, or of all of them with zeros at inactive ones.
-pub(super) fn gather<const N: usize>(
+/// The numbers of active values, or of all of them with zeros at inactive ones. `kept` is where they are put.
+pub(super) fn gather<'a, const N: usize>(
     active: &[u64],
     values: &[[f32; N]],
     only_active: bool,
-    kept: &mut Vec<f32>,
-) {
+    kept: &'a mut Vec<f32>,
+) -> &'a mut [f32] {
     kept.resize(N * values.len(), 0.0);
     let slots = kept.as_chunks_mut::<N>().0;
     let mut used = 0;
-    for (word, run) in active.iter().zip(values.chunks(64)) {
-        if *word == u64::MAX {
-            slots[used..used + run.len()].copy_from_slice(run);
-            used += run.len();
+    let bytes = active.iter().flat_map(|word| word.to_le_bytes());
+    for (byte, row) in bytes.zip(values.as_chunks::<8>().0) {
+        let Some((slots, _)) = slots[used..].split_first_chunk_mut::<8>() else { break };
+        if byte == 0xff {
+            *slots = *row;
+            used += 8;
         } else if only_active {
-            for (bit, value) in run.iter().enumerate() {
+            let mut next = 0;
+            for (bit, value) in row.iter().enumerate() {
                 // Written in any case; only the position depends on the mask, because masks of noise defeat branch
                 // prediction.
-                slots[used] = *value;
-                used += usize::from((word >> bit) & 1 == 1);
+                slots[next] = *value;
+                next += usize::from(byte >> bit & 1);
             }
+            used += next;
         } else {
-            let slots = &mut slots[used..used + run.len()];
-            slots.copy_from_slice(run);
-            for (bit, slot) in slots.iter_mut().enumerate() {
-                // All bits or none: a vector operation, where a choice would become a branch.
-                let keep = u32::from((word >> bit) & 1 == 1).wrapping_neg();
-                *slot = slot.map(|x| f32::from_bits(x.to_bits() & keep));
-            }
-            used += run.len();
+            let keep = &KEEP[usize::from(byte)];
+            *slots = std::array::from_fn(|i| row[i].map(|x| f32::from_bits(x.to_bits() & keep[i])));
+            used += 8;
         }
     }
-    kept.truncate(N * used);
+    &mut kept[..N * used]
 }
+
+/// All bits of a number for each bit of a row's mask. From a table it is a vector operation, where a choice would become eight
+/// branches.
+static KEEP: [[u32; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut bit = 0;
+        while bit < 8 {
+            table[byte][bit] = if byte >> bit & 1 == 1 { u32::MAX } else { 0 };
+            bit += 1;
+        }
+        byte += 1;
+    }
+    table
+};
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch::default());

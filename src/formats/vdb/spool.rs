@@ -4,11 +4,13 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 
 use crc32fast::Hasher;
+use memmap2::MmapMut;
 
 use super::file::VdbWriteError;
 
-/// Encoded bytes are kept in pieces of this size, so that growing never copies what is there.
-pub(super) const PIECE: usize = 1 << 20;
+/// Encoded bytes are kept in pieces of this size, so that growing never copies what is there: that of a huge page of most
+/// systems.
+pub(super) const PIECE: usize = 2 << 20;
 
 /// Bytes that are read of a spool at once.
 const READ: usize = 128 << 10;
@@ -44,9 +46,7 @@ impl Spool for File {
 /// Bytes in sequence: the first in memory, those behind them in a spool if there is one, the last few in memory again.
 #[derive(Default)]
 pub(super) struct Buffers {
-    pieces: Vec<Vec<u8>>,
-    /// Those to come, as far as there is room for them already.
-    spare: Vec<Vec<u8>>,
+    pieces: Vec<Piece>,
     spool: Option<Spooled>,
 }
 
@@ -67,32 +67,10 @@ impl Buffers {
         Buffers { spool, ..Buffers::default() }
     }
 
-    /// Makes room for so many bytes, as far as they stay in memory and the system has it.
-    pub(super) fn reserve(&mut self, bytes: u64) {
-        let pieces = usize::try_from(bytes.div_ceil(PIECE as u64)).unwrap_or(usize::MAX);
-        let pieces = self.spool.as_ref().map_or(pieces, |spooled| pieces.min(spooled.pieces));
-        for _ in self.spare.len()..pieces.saturating_sub(self.pieces.len()) {
-            let Ok(piece) = self.piece() else { break };
-            self.spare.push(piece);
-        }
-    }
-
-    /// Memory for a piece.
-    fn piece(&self) -> Result<Vec<u8>, VdbWriteError> {
-        let mut piece = Vec::new();
-        let held = (self.pieces.len() * PIECE) as u64;
-        piece.try_reserve_exact(PIECE).map_err(|_| VdbWriteError::Memory { bytes: held })?;
-        Ok(piece)
-    }
-
     pub(super) fn push(&mut self, mut bytes: &[u8]) -> Result<(), VdbWriteError> {
         while !bytes.is_empty() {
             match self.pieces.last_mut() {
-                Some(piece) if piece.len() < PIECE => {
-                    let (head, tail) = bytes.split_at(bytes.len().min(PIECE - piece.len()));
-                    piece.extend(head);
-                    bytes = tail;
-                }
+                Some(piece) if piece.used < PIECE => bytes = piece.fill(bytes),
                 _ => self.make_room()?,
             }
         }
@@ -104,14 +82,14 @@ impl Buffers {
         let held = self.pieces.len();
         match (&mut self.spool, self.pieces.last_mut()) {
             (Some(spooled), Some(last)) if held >= spooled.pieces => {
-                spooled.spool.put(spooled.bytes, last).map_err(VdbWriteError::Spool)?;
-                spooled.bytes += last.len() as u64;
-                spooled.sum.update(last);
-                last.clear();
+                spooled.spool.put(spooled.bytes, last.bytes()).map_err(VdbWriteError::Spool)?;
+                spooled.bytes += last.used as u64;
+                spooled.sum.update(last.bytes());
+                last.used = 0;
             }
             _ => {
-                let piece = self.spare.pop().map_or_else(|| self.piece(), Ok)?;
-                self.pieces.push(piece);
+                let held = (held * PIECE) as u64;
+                self.pieces.push(Piece::new().map_err(|_| VdbWriteError::Memory { bytes: held })?);
             }
         }
         Ok(())
@@ -124,16 +102,16 @@ impl Buffers {
 
     /// All bytes.
     pub(super) fn len(&self) -> u64 {
-        self.spooled() + self.pieces.iter().map(|piece| piece.len() as u64).sum::<u64>()
+        self.spooled() + self.pieces.iter().map(|piece| piece.used as u64).sum::<u64>()
     }
 
     /// Writes all bytes in sequence.
     pub(super) fn write(&self, out: &mut dyn Write) -> Result<(), VdbWriteError> {
         let Some(Spooled { spool, bytes: spooled @ 1.., sum, .. }) = &self.spool else {
-            return Ok(self.pieces.iter().try_for_each(|piece| out.write_all(piece))?);
+            return Ok(self.pieces.iter().try_for_each(|piece| out.write_all(piece.bytes()))?);
         };
         let (last, pieces) = self.pieces.split_last().expect("the spool is used once there are pieces");
-        pieces.iter().try_for_each(|piece| out.write_all(piece))?;
+        pieces.iter().try_for_each(|piece| out.write_all(piece.bytes()))?;
         let mut reader = spool.read().map_err(VdbWriteError::Spool)?.take(*spooled);
         let (mut buffer, mut found, mut check) = (vec![0; READ], 0, Hasher::new());
         loop {
@@ -155,7 +133,39 @@ impl Buffers {
             let text = "what it gives back is not what was put there";
             return Err(VdbWriteError::Spool(io::Error::new(io::ErrorKind::InvalidData, text)));
         }
-        Ok(out.write_all(last)?)
+        Ok(out.write_all(last.bytes())?)
+    }
+}
+
+/// Memory for bytes, of which the first are used.
+///
+/// It comes from the system and not from the allocator, for the sake of huge pages: giving out memory page by page of 4 KiB
+/// takes the system several times as long as copying a leaf there does.
+struct Piece {
+    memory: MmapMut,
+    used: usize,
+}
+
+impl Piece {
+    fn new() -> io::Result<Piece> {
+        let memory = MmapMut::map_anon(PIECE)?;
+        // A system that has none of them gives others.
+        #[cfg(target_os = "linux")]
+        let _ = memory.advise(memmap2::Advice::HugePage);
+        Ok(Piece { memory, used: 0 })
+    }
+
+    /// Takes in as many of the bytes as there is room for; returns the rest.
+    fn fill<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
+        let room = &mut self.memory[self.used..];
+        let (head, tail) = bytes.split_at(bytes.len().min(room.len()));
+        room[..head.len()].copy_from_slice(head);
+        self.used += head.len();
+        tail
+    }
+
+    fn bytes(&self) -> &[u8] {
+        &self.memory[..self.used]
     }
 }
 

@@ -22,8 +22,13 @@ mod parts {
         /// The numbers of values, one value after the other.
         fn numbers_mut(values: &mut [Self]) -> &mut [f32];
 
-        /// Replaces `kept` by the numbers of active values, or of all of them with zeros at inactive ones.
-        fn gather(active: &[u64], values: &[Self], only_active: bool, kept: &mut Vec<f32>);
+        /// The numbers of active values, or of all of them with zeros at inactive ones, in `kept`.
+        fn gather<'a>(
+            active: &[u64],
+            values: &[Self],
+            only_active: bool,
+            kept: &'a mut Vec<f32>,
+        ) -> &'a mut [f32];
     }
 }
 
@@ -35,8 +40,13 @@ impl parts::Parts for f32 {
         values
     }
 
-    fn gather(active: &[u64], values: &[f32], only_active: bool, kept: &mut Vec<f32>) {
-        gather::<1>(active, values.as_chunks().0, only_active, kept);
+    fn gather<'a>(
+        active: &[u64],
+        values: &[f32],
+        only_active: bool,
+        kept: &'a mut Vec<f32>,
+    ) -> &'a mut [f32] {
+        gather::<1>(active, values.as_chunks().0, only_active, kept)
     }
 }
 
@@ -48,7 +58,12 @@ impl parts::Parts for [f32; 3] {
         values.as_flattened_mut()
     }
 
-    fn gather(active: &[u64], values: &[[f32; 3]], only_active: bool, kept: &mut Vec<f32>) {
-        gather(active, values, only_active, kept);
+    fn gather<'a>(
+        active: &[u64],
+        values: &[[f32; 3]],
+        only_active: bool,
+        kept: &'a mut Vec<f32>,
+    ) -> &'a mut [f32] {
+        gather(active, values, only_active, kept)
     }
 }

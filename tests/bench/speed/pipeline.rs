@@ -108,7 +108,9 @@ fn once(scene: &Scene, resolution: f64, compression: Compression, spool: bool) -
         translation: [0.0; 3],
         metadata: Metadata::new(),
     };
-    vdb::write(file(), &header, &[(&grid_header, &grid)]).expect("room on the disk");
+    let output = file();
+    fs4::FileExt::allocate(&output, grid.encoded_bytes()).expect("room on the disk");
+    vdb::write(output, &header, &[(&grid_header, &grid)]).expect("room on the disk");
     Times {
         clock: clock.elapsed().as_secs_f64(),
         plan: planned,
