@@ -315,3 +315,37 @@ fn values_that_are_no_numbers_fail_a_tolerance() {
     assert!(errors(&output).contains("2 values of A and B, NaN or infinite"), "{}", errors(&output));
     assert!(text(&output).contains("1 values of A, 1 of B"), "{}", text(&output));
 }
+
+#[test]
+fn channels_without_numbers_are_named_beside_layers_to_choose() {
+    let folder = Folder::new();
+    let of = |depth: f32| {
+        let finite = vec![0.5; 4];
+        image(
+            &[
+                ("R", finite.clone()),
+                ("depth.Z", vec![1.0, 2.0, 3.0, depth]),
+                ("opticalDepth.Y", finite.clone()),
+                ("transmittance.Y", finite),
+            ],
+            [2, 2],
+        )
+    };
+    folder.put("a.exr", of(4.0));
+    folder.put("b.exr", of(f32::INFINITY));
+    let run =
+        |layer: &[&str]| folder.run(&[&["compare", "a.exr", "b.exr", "--tolerance", "0"], layer].concat());
+    let all = run(&[]);
+    assert_eq!(code(&all), 4);
+    let told = errors(&all);
+    assert!(told.contains("1 value of A and B, NaN or infinite\nhint: they are in depth.Z\n"), "{told}");
+    assert!(told.contains("--layer") && told.ends_with("finite in opticalDepth, transmittance\n"), "{told}");
+    assert_eq!(code(&run(&["--layer", "transmittance"])), 0);
+    // There is nothing else to choose.
+    let depth = run(&["--layer", "depth"]);
+    assert!(code(&depth) == 4 && !errors(&depth).contains("--layer"), "{}", errors(&depth));
+    // What is a number but too far off is no matter of layers.
+    folder.put("b.exr", of(5.0));
+    let far = run(&[]);
+    assert!(code(&far) == 4 && !errors(&far).contains("hint"), "{}", errors(&far));
+}

@@ -131,16 +131,15 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     check(arguments, kinds)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
-    let held = if kinds[0].is_image() {
+    if kinds[0].is_image() {
         let report = pool.install(|| images::compare(arguments, kinds, global, &interrupt))?;
         global.show(&report, images::human)?;
-        report.tolerance
+        report.result()
     } else {
         let report = pool.install(|| fields::compare(arguments, kinds))?;
         global.show(&report, fields::human)?;
-        report.tolerance
-    };
-    held.map_or(Ok(()), |tolerance| tolerance.result())
+        report.tolerance.map_or(Ok(()), |tolerance| tolerance.result())
+    }
 }
 
 /// Refuses what cannot be compared, and options that have no meaning for what is.
