@@ -73,6 +73,7 @@ struct SceneReport {
     planned_bricks: u64,
     /// That a bake takes at most.
     memory_bytes: u64,
+    left_out: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -122,7 +123,7 @@ fn of_scene(path: &Path, arguments: &Arguments, global: &Global) -> Result<(), F
     drop(progress);
     hazards.sort_by_key(|(hazard, _)| std::cmp::Reverse(hazard.weight()));
     let report = Hazards { hazards: hazards.iter().map(HazardReport::new).collect(), moments: reports };
-    global.show(&report, |report| human_scene(report, &hazards))?;
+    global.show(&report, |report| human_scene(report, &hazards, options.explain))?;
     let serious = hazards.iter().filter(|(hazard, _)| hazard.weight() == Weight::Serious).count();
     if serious == 0 {
         return Ok(());
@@ -160,6 +161,7 @@ fn at(
         expected,
         planned_bricks: plan.bricks() as u64,
         memory_bytes,
+        left_out: job.field.left_out(job.lattice, plan.has_edges()),
     };
     Ok((report, hazards))
 }
@@ -190,7 +192,7 @@ impl HazardReport {
     }
 }
 
-fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)]) -> String {
+fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)], explain: bool) -> String {
     let coloured = failure::colours_out();
     let show = |(hazard, frame): &(Hazard, Option<i64>)| {
         let frame = frame.map_or_else(String::new, |frame| {
@@ -216,6 +218,9 @@ fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)]) -> String {
         table.row("largest density", text::short(moment.expected.peak));
         let bricks = text::number(moment.planned_bricks, "brick");
         table.row("memory", format!("{} at most, for {bricks}", text::bytes(moment.memory_bytes)));
+        if explain {
+            table.rows("left out", &moment.left_out, "nothing");
+        }
     }
     table.row("hazards", tally(hazards));
     out.push_str(&table.finish());
