@@ -39,7 +39,7 @@ pub(super) struct SceneOptions {
     voxel_size: Option<f64>,
     /// Voxels along the longest side of the density's bounds over the scene's own frames, from its start to its end (or at
     /// its start frame, where it has no end): the voxel size is the same at every time [default: what the scene says, else 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1, 1_000_000),
         allow_negative_numbers = true)]
     resolution: Option<u32>,
     /// Seconds after the scene's start frame [default: 0]

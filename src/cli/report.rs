@@ -36,11 +36,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value_t = 60.0, allow_negative_numbers = true)]
     time_limit: f64,
     /// Times that each is repeated, after a first that does not count
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100), default_value = "5",
+    #[arg(long, value_name = "N", value_parser = text::whole::<u8>(1, 100), default_value = "5",
         allow_negative_numbers = true)]
     repeats: u8,
     /// Points at which bakes are held against the scene's definition
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1000..=10_000_000),
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1000, 10_000_000),
         default_value = "40000", allow_negative_numbers = true)]
     points: u32,
     /// Pixels of pictures

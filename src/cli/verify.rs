@@ -53,7 +53,7 @@ fn bricks(text: &str) -> Result<usize, String> {
         return Ok(usize::MAX);
     }
     let bricks = text.parse().ok().filter(|bricks| *bricks > 0);
-    bricks.ok_or_else(|| "expected a number of bricks of at least 1, or `all`".to_owned())
+    bricks.ok_or_else(|| "expected a whole number of bricks of at least 1, or `all`".to_owned())
 }
 
 /// What a file's metadata say that it was baked with.

@@ -39,10 +39,10 @@ pub(super) struct Arguments {
     #[arg(long, value_enum)]
     filter: Option<FilterName>,
     /// Points in the bricks of both at which values are compared [default: 200000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1, 100_000_000), allow_negative_numbers = true)]
     points: Option<u32>,
     /// Rays through the bricks along which optical depths are compared [default: 2000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(0, 1_000_000), allow_negative_numbers = true)]
     rays: Option<u32>,
     /// The layer of EXR images: the channels NAME.*, or the part of that name [default: all]
     #[arg(long, value_name = "NAME")]

@@ -72,7 +72,7 @@ pub(super) struct Arguments {
     entry: Option<EntryName>,
     /// Of `midpoint` and `alpha`, without growth: places are mapped to the tubes' cylinders at every so many steps, and what they
     /// are mapped to is interpolated between [default: 1]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=16))]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u8>(1, 16), allow_negative_numbers = true)]
     map_every: Option<u8>,
     /// Of `midpoint` and `alpha`: which steps are evaluated. With `ray-boxes` and `sample-boxes` the first begins where a ray
     /// enters the first box, or that around all of them [default: bricks]
@@ -80,7 +80,7 @@ pub(super) struct Arguments {
     intervals: Option<IntervalsName>,
     /// Of `midpoint` and `alpha`, in place of --step: every ray takes so many steps of one length, from where it enters the box
     /// around everything to where it leaves it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1, 1_000_000), allow_negative_numbers = true)]
     ray_steps: Option<u32>,
     /// Part of the light that may be left where a ray ends
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
@@ -508,8 +508,12 @@ fn stops(text: &str) -> Result<f64, String> {
 }
 
 fn step(text: &str) -> Result<f64, String> {
-    let step = text.parse().ok().filter(|step| (0.01..=8.0).contains(step));
-    step.ok_or_else(|| "expected a number of voxels from 0.01 to 8".to_owned())
+    voxels(text).map_err(|expected| format!("{expected}, and of a file 1, 2, 4 or 8"))
+}
+
+fn voxels(text: &str) -> Result<f64, String> {
+    let voxels = text.parse().ok().filter(|voxels| (0.01..=8.0).contains(voxels));
+    voxels.ok_or_else(|| "expected a number of voxels from 0.01 to 8".to_owned())
 }
 
 fn growth(text: &str) -> Result<f64, String> {
