@@ -79,6 +79,11 @@ impl LightOptions {
         self.shadow.is_some() || self.shadow_step.is_some()
     }
 
+    /// Whether shadows are found before and kept.
+    pub(super) fn keeps_shadows(&self) -> bool {
+        self.integrator() == Integrator::Single && matches!(self.shadow(), Shadow::Cached(_))
+    }
+
     pub(super) fn integrator(&self) -> Integrator {
         match self.integrator {
             Kind::Single => Integrator::Single,

@@ -19,7 +19,8 @@ use super::output::Output;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
 use crate::march::{
-    Camera, Entry, Film, Integrator, Intervals, Marching, Method, Picture, Quality, Sampling, Shadow,
+    Camera, Entry, Film, Integrator, Intervals, Lamp, Marching, Medium, Method, Optics, Picture, Quality,
+    Sampling, Shadow,
 };
 use crate::num::Level;
 use image::Target;
@@ -308,15 +309,15 @@ fn draw(
     let level = Level::best();
     let budget = budget(arguments)?;
     let mut clock = Clock { last: Instant::now(), first: Instant::now() };
-    let field;
+    let (mut field, mut scene) = (None, 0);
     let drawn = if is_file {
         Drawn::of_file(arguments, budget, global)?
     } else {
         let (compiled, view) = source::scene(arguments)?;
-        field = compiled;
         // Scenes of many segments take more than the program itself.
-        let scene = resident().saturating_sub(PROCESS);
-        Drawn::of_scene(arguments, &field, view, budget.saturating_sub(scene))?
+        scene = resident().saturating_sub(PROCESS);
+        let field = field.insert(compiled);
+        Drawn::of_scene(arguments, field, view, budget.saturating_sub(scene))?
     };
     let load = clock.lap();
     let view = &drawn.view;
@@ -345,6 +346,7 @@ fn draw(
         Some(Background(colour)) => colour,
         None => view.camera.background,
     };
+    has_room(arguments, &drawn.medium, &camera, &optics, quality, budget.saturating_sub(scene))?;
     let exposure = arguments.exposure.or(view.camera.exposure);
     let write = |film: &Film| target.write(film, background.map(Into::into), exposure, interrupt);
     let (mut coarse_time, mut first_picture) = (None, None);
@@ -449,6 +451,37 @@ fn budget(arguments: &Arguments) -> Result<u64, Failure> {
             format!("a picture of {width} x {height} pixels takes {taken} of memory, and less may be used");
         Failure::failed(message)
             .hint(format!("choose a smaller --size, or allow more with --memory {}", enough(need)))
+    })
+}
+
+/// Refuses a picture of a scene, or of voxels with lamps among them, for which so many bytes are too few. Those of voxels that
+/// suns light are counted before.
+fn has_room(
+    arguments: &Arguments,
+    medium: &Medium<'_>,
+    camera: &Camera,
+    optics: &Optics,
+    quality: Quality,
+    budget: u64,
+) -> Result<(), Failure> {
+    let is_counted = optics.lamps.iter().all(|lamp| matches!(lamp, Lamp::Sun { .. }));
+    let held = match medium {
+        Medium::Procedural(scene) => scene.memory(),
+        Medium::Baked(_) if is_counted => return Ok(()),
+        Medium::Baked(voxels) => voxels.memory(),
+    };
+    let need = held.saturating_add(Picture::memory(medium, camera, optics, quality));
+    if need <= budget {
+        return Ok(());
+    }
+    let all = need.saturating_add(arguments.options.budget().bytes().saturating_sub(budget));
+    let taken = text::bytes(all);
+    let failure = Failure::failed(format!("the picture takes {taken} of memory, and less may be used"))
+        .hint(format!("allow more with --memory {}", enough(all)));
+    Err(match (quality.integrator, quality.shadow) {
+        (Integrator::Single, Shadow::Cached(_)) if !optics.lamps.is_empty() => failure
+            .hint("shadows take most of it: a larger --shadow-step takes less, and --shadow exact takes time instead"),
+        _ => failure,
     })
 }
 
