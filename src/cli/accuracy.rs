@@ -433,7 +433,7 @@ fn unplanned(
     };
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let enough_now = (plans(goal.metric).saturating_mul(enough_for_one)) as f64;
-    let needed = if let PlanError::TooMany { bytes: Some(_), .. } = error {
+    let needed = if let PlanError::TooMany { enough: Some(_), .. } = error {
         planned.push([search.next(), enough_now]);
         bytes_at(&planned, expected).unwrap_or(enough_now).max(enough_now)
     } else {

@@ -148,7 +148,10 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
             if let Some(text) = accuracy::told(job.lattice, &chosen).filter(|_| round == 1) {
                 progress.aside(|| global.note(&text));
             }
-            let plan = pool.install(|| job.plan())?;
+            let measuring = || certify::enough_unplanned(&job).filter(|_| chosen.measures()).unwrap_or(0);
+            let plan = pool.install(|| job.plan_for(measuring))?;
+            // What it took to make does not serve a bake, and would count for it.
+            vdbake_heap::give_back();
             planning = None;
             if told.insert(text::warnings(job.scene.warnings())) {
                 progress.aside(|| global.warn_of(job.scene.warnings()));

@@ -122,6 +122,12 @@ pub(super) fn enough_for(error: PlanError, precision: Precision, besides: u64) -
     error.enough().map(|making| besides.saturating_add(measuring(look(precision), making, bricks)))
 }
 
+/// The same of a job, whatever room there is.
+pub(super) fn enough_unplanned(job: &Job) -> Option<u64> {
+    let error = Plan::new(&job.field, job.lattice, 0).err()?;
+    enough_for(error, job.encoder.precision(), job.process())
+}
+
 /// Of a file that takes so many bytes to be measured, in a process that takes some besides.
 fn large(needed: u64, besides: u64) -> Failure {
     Failure::failed("the file takes too much memory to be measured")

@@ -8,20 +8,25 @@ use serde::Serialize;
 
 use super::interrupt::Interrupt;
 use super::job::{Job, Moment, Options, Source};
-use super::memory::unplanned;
+use super::memory::{PROGRAM, unplanned_beside};
 use super::output::{Output, save};
 use super::progress::Progress;
-use super::{Failure, Global, failure, text};
+use super::{Failure, Global, failure, machine, text};
 use crate::check::{
     Case, Expectation, Family, Hazard, Outcome, catalogue, expectation, families, hazards, hazards_expected,
     meetings, page,
 };
+use crate::field::Extent;
 use crate::num::Level;
-use crate::report::TrialError;
+use crate::report::{Lot, TrialError};
 use crate::scene::Weight;
+use crate::volume::{Plan, PlanError};
 
 /// Points at which a scene's error is tried.
 const POINTS: usize = 10_000;
+/// Bytes for these points, and for each brick that is baked at once to try them.
+const TRYING: u64 = 3 << 20;
+const BRICK: u64 = 8192;
 /// Columns that the names of cases take.
 const NAMES: usize = 46;
 
@@ -61,6 +66,7 @@ struct Hazards {
     hazards: Vec<HazardReport>,
     /// The time, or each frame.
     moments: Vec<SceneReport>,
+    peak_rss_bytes: Option<u64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -73,6 +79,7 @@ struct SceneReport {
     planned_bricks: u64,
     /// That a bake takes at most.
     memory_bytes: u64,
+    left_out: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -121,8 +128,12 @@ fn of_scene(path: &Path, arguments: &Arguments, global: &Global) -> Result<(), F
     }
     drop(progress);
     hazards.sort_by_key(|(hazard, _)| std::cmp::Reverse(hazard.weight()));
-    let report = Hazards { hazards: hazards.iter().map(HazardReport::new).collect(), moments: reports };
-    global.show(&report, |report| human_scene(report, &hazards))?;
+    let report = Hazards {
+        hazards: hazards.iter().map(HazardReport::new).collect(),
+        moments: reports,
+        peak_rss_bytes: machine::peak_memory(),
+    };
+    global.show(&report, |report| human_scene(report, &hazards, options.explain))?;
     let serious = hazards.iter().filter(|(hazard, _)| hazard.weight() == Weight::Serious).count();
     if serious == 0 {
         return Ok(());
@@ -142,33 +153,42 @@ fn at(
     interrupt: &Interrupt,
 ) -> Result<(SceneReport, Vec<Hazard>), Failure> {
     let job = Job::new(source, moment, options)?;
-    let plan = job.plan()?;
+    let besides = PROGRAM.max(job.process()).saturating_add(TRYING + BRICK * Lot::at_once() as u64);
+    // Of the bake, and with what is around its bricks.
+    let trying = |plan: u64| besides.saturating_add(plan.saturating_mul(2));
+    let around = || Plan::for_extent(&job.field, job.lattice, Extent::Whole, 0).err();
+    let plan = job.plan_for(|| trying(around().and_then(PlanError::enough).unwrap_or(0)))?;
     interrupt.check()?;
     let memory_bytes = job.need(&plan, &job.bound(&plan)).most(job.budget());
-    let expected = expectation(&job.scene, &job.field, job.lattice, options.stored(), POINTS, job.budget())
-        .map_err(cannot)?;
+    let left_out = job.field.left_out(job.lattice, plan.has_edges());
+    let (planned_bricks, meetings) = (plan.bricks() as u64, meetings(&job.scene, &plan));
+    // There is no room for three of them.
+    drop(plan);
+    interrupt.check()?;
+    let room = job.budget().saturating_sub(besides) / 2;
+    let expected = expectation(&job.scene, &job.field, job.lattice, options.stored(), POINTS, room).map_err(
+        |error| match error {
+            TrialError::Plan(error) => {
+                unplanned_beside(error, besides.saturating_add(error.enough().unwrap_or(0)))
+            }
+            error => Failure::failed("cannot try the scene").because(error),
+        },
+    )?;
     interrupt.check()?;
     let mut hazards = hazards(&job.scene, job.lattice);
     hazards.extend(hazards_expected(&job.scene, job.lattice, options.stored(), &expected));
-    interrupt.check()?;
-    hazards.extend(meetings(&job.scene, &plan));
+    hazards.extend(meetings);
     let report = SceneReport {
         scene: job.scene.name().to_owned(),
         frame: moment.frame,
         time: job.scene.seconds(),
         voxel_size: job.lattice.voxel_size,
         expected,
-        planned_bricks: plan.bricks() as u64,
+        planned_bricks,
         memory_bytes,
+        left_out,
     };
     Ok((report, hazards))
-}
-
-fn cannot(error: TrialError) -> Failure {
-    match error {
-        TrialError::Plan(error) => unplanned(error),
-        error => Failure::failed("cannot try the scene").because(error),
-    }
 }
 
 impl HazardReport {
@@ -190,7 +210,7 @@ impl HazardReport {
     }
 }
 
-fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)]) -> String {
+fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)], explain: bool) -> String {
     let coloured = failure::colours_out();
     let show = |(hazard, frame): &(Hazard, Option<i64>)| {
         let frame = frame.map_or_else(String::new, |frame| {
@@ -216,6 +236,9 @@ fn human_scene(report: &Hazards, hazards: &[(Hazard, Option<i64>)]) -> String {
         table.row("largest density", text::short(moment.expected.peak));
         let bricks = text::number(moment.planned_bricks, "brick");
         table.row("memory", format!("{} at most, for {bricks}", text::bytes(moment.memory_bytes)));
+        if explain {
+            table.rows("left out", &moment.left_out, "nothing");
+        }
     }
     table.row("hazards", tally(hazards));
     out.push_str(&table.finish());

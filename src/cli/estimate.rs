@@ -117,7 +117,8 @@ impl Estimate {
             tally.bricks as f64 / bricks.max(1) as f64,
             rayon::current_num_threads() as f64,
         ];
-        let (leaves, encoded) = (whole(topology.stats().leaves), whole(bytes));
+        let stats = topology.stats();
+        let (leaves, encoded) = (whole(stats.leaves), whole(bytes));
         let chosen = ways[place(job.encoder.compression())];
         let trials: f64 = ways.iter().map(|way| way.seconds).sum();
         let cpu = factor * (phases.evaluate + phases.encode - trials + phases.append);
@@ -152,7 +153,7 @@ impl Estimate {
             active_voxels: whole(tally.active_voxels),
             bytes,
             spooled_bytes,
-            memory_bytes: need.about(job.budget(), leaves, encoded, job.resident()),
+            memory_bytes: need.about(job.budget(), [leaves, whole(stats.tiles[0])], encoded, job.resident()),
             seconds: planned.seconds + waiting[1] + waiting[0].max((cpu + copying[0]) * share),
             cpu_seconds: planned.seconds + cpu + copying[0] + copying[1],
             advice: advice(&compressions, compression_name(job.encoder.compression())),

@@ -39,7 +39,7 @@ pub(super) struct SceneOptions {
     voxel_size: Option<f64>,
     /// Voxels along the longest side of the density's bounds over the scene's own frames, from its start to its end (or at
     /// its start frame, where it has no end): the voxel size is the same at every time [default: what the scene says, else 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1, 1_000_000),
         allow_negative_numbers = true)]
     resolution: Option<u32>,
     /// Seconds after the scene's start frame [default: 0]
@@ -109,6 +109,11 @@ impl SceneOptions {
             (self.time.is_some(), "--time"),
         ];
         given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
+    /// Bytes that this process is let have by the user, or the system.
+    pub(super) fn limit(&self) -> Option<u64> {
+        self.memory.map(Amount::bytes).into_iter().chain(machine::process_limit()).min()
     }
 
     /// Memory to work in.
@@ -277,7 +282,11 @@ impl Job {
         };
         let budget = options.scene.budget();
         // What earlier frames took is given back, and must not count for this one.
-        let resident = *source.resident.get_or_init(memory::resident);
+        let mut resident = *source.resident.get_or_init(memory::resident);
+        if moment.frame.is_some() {
+            // Other frames leave gaps as large as what they were compiled to.
+            resident += Field::estimate_memory(&scene) as u64;
+        }
         let searched = source.searched;
         Ok(Job { scene, field, lattice, encoder, settings, bounds, budget, resident, searched })
     }
@@ -289,9 +298,16 @@ impl Job {
 
     /// The candidate bricks, if baking them on the current `rayon` pool cannot exceed the memory.
     pub(super) fn plan(&self) -> Result<Plan, Failure> {
+        self.plan_for(|| 0)
+    }
+
+    /// The same for what takes so many bytes besides a bake, which are told where there are too few for the bake.
+    pub(super) fn plan_for(&self, other: impl Fn() -> u64) -> Result<Plan, Failure> {
         match self.try_plan(self.lattice) {
             Ok(plan) => Ok(plan),
-            Err(Misfit::Memory { bricks, need, enough }) => Err(self.over_budget(bricks, need, enough)),
+            Err(Misfit::Memory { bricks, need, enough }) => {
+                Err(self.over_budget(bricks, need, enough.max(other())))
+            }
             Err(Misfit::Range(error)) => Err(self.out_of_range(error)),
         }
     }
@@ -353,13 +369,16 @@ impl Job {
                 clippy::cast_sign_loss,
                 reason = "bytes, and saturating"
             )]
-            Err(error @ PlanError::TooMany { bricks, .. }) => Err(Misfit::Memory {
+            Err(error @ PlanError::TooMany { bricks, enough }) => Err(Misfit::Memory {
                 bricks: None,
                 need: process as f64 + bricks / CONTACTS * memory::BRICK as f64,
-                // Planned, and then baked: no brick counts less than once.
-                enough: (process + LEAST)
-                    .saturating_add(error.enough().unwrap_or(0))
-                    .saturating_add((bricks * memory::BRICK as f64) as u64),
+                enough: match enough {
+                    Some(enough) => Need::enough(bricks as u64, enough, self.encoder, process),
+                    // Planned, and then baked: no brick counts less than once.
+                    None => (process + LEAST)
+                        .saturating_add(error.enough().unwrap_or(0))
+                        .saturating_add((bricks * memory::BRICK as f64) as u64),
+                },
             }),
             Err(error @ (PlanError::IndexRange { .. } | PlanError::TooWide)) => Err(Misfit::Range(error)),
         }

@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 
 use super::{Failure, machine};
 use crate::formats::vdb::{Compression, Encoder, GridBound, VdbGridBuilder, VdbReadError};
-use crate::volume::{IN_FLIGHT, Plan, PlanError};
+use crate::volume::{Enough, IN_FLIGHT, Plan, PlanError, Tile};
 
 /// Bytes that the process takes without a scene: 7 to 9 MB were measured, with one brick of each scene of the project.
 const PROCESS: u64 = 11 << 20;
@@ -115,11 +115,22 @@ pub(super) fn resident() -> u64 {
 /// compile a scene of `text` bytes.
 pub(super) fn process(resident: u64, text: usize) -> u64 {
     // Only large scenes take more than the process itself, so that the bound is the same on every run for all others.
-    PROCESS.max(resident) + WRITING + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
+    let program = if resident > PROCESS { resident + WORKING } else { PROCESS };
+    program + WRITING + THREAD * rayon::current_num_threads() as u64 + COPIES * text as u64
 }
 
 /// Upper bound of what one more of many bricks takes whose leaf is in the spool.
 pub(super) const BRICK: u64 = VdbGridBuilder::<f32>::topology_bytes(1, 0) + PLANNED;
+
+/// Of so many bricks, those in flight at most.
+fn in_flight(bricks: u64) -> u64 {
+    bricks.min((IN_FLIGHT * rayon::current_num_threads()) as u64)
+}
+
+/// Bytes of a brick in flight: lists of bytes grow by doubling.
+fn held(encoder: Encoder) -> u64 {
+    2 * (GridBound::leaf::<f32>(encoder) + PLACE)
+}
 
 /// What a bake takes of the memory. Encoded leaves that have no room go to a spool; all else is needed.
 #[derive(Debug, Clone, Copy)]
@@ -146,9 +157,8 @@ impl Need {
     /// Of a plan, on the current `rayon` pool, of which `process` is the part that does not depend on it.
     pub(super) fn new(plan: &Plan, bound: &GridBound, encoder: Encoder, process: u64) -> Need {
         let bricks = plan.bricks() as u64;
-        let in_flight = bricks.min((IN_FLIGHT * rayon::current_num_threads()) as u64);
-        // Lists of bytes grow by doubling.
-        let held = 2 * (GridBound::leaf::<f32>(encoder) + PLACE);
+        let in_flight = in_flight(bricks);
+        let held = held(encoder);
         let thread = THREAD + if encoder.compression() == Compression::Zip { ZLIB } else { 0 };
         Need {
             making: plan.making() as u64,
@@ -162,6 +172,16 @@ impl Need {
             nodes: bound.nodes,
             leaves: bound.buffers,
         }
+    }
+
+    /// What is enough for so many bricks at most, of which it is known what is enough to plan them.
+    pub(super) fn enough(bricks: u64, enough: Enough, encoder: Encoder, process: u64) -> u64 {
+        let held = held(encoder) * in_flight(bricks);
+        let topology = VdbGridBuilder::<f32>::topology_bytes(bricks, enough.nodes);
+        let leaves = bricks.saturating_mul(GridBound::leaf::<f32>(encoder));
+        (process + held + in_pieces(leaves).min(VdbGridBuilder::<f32>::LEAST_MEMORY))
+            .saturating_add(enough.bytes)
+            .saturating_add(topology)
     }
 
     /// All but encoded leaves, at most.
@@ -196,8 +216,9 @@ impl Need {
     }
 
     /// About what is taken of a budget for so many leaves of so many bytes, if the process takes `resident` without them.
-    pub(super) fn about(&self, budget: u64, leaves: u64, encoded: u64, resident: u64) -> u64 {
-        let topology = VdbGridBuilder::<f32>::topology_bytes(leaves, self.nodes);
+    pub(super) fn about(&self, budget: u64, [leaves, tiles]: [u64; 2], encoded: u64, resident: u64) -> u64 {
+        let topology =
+            VdbGridBuilder::<f32>::topology_bytes(leaves, self.nodes) + tiles * 2 * size_of::<Tile>() as u64;
         // A quarter of those that may be in flight is, as large as bricks are on average.
         let in_flight =
             self.in_flight.min(2 * self.in_flight_bricks * (encoded / self.bricks.max(1) + PLACE)) / 4;
@@ -209,7 +230,7 @@ impl Need {
 
 /// What encoded leaves take in memory, which is taken in pieces.
 fn in_pieces(leaves: u64) -> u64 {
-    leaves.next_multiple_of(VdbGridBuilder::<f32>::LEAST_MEMORY)
+    leaves.checked_next_multiple_of(VdbGridBuilder::<f32>::LEAST_MEMORY).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]

@@ -222,5 +222,5 @@ fn threads(text: &str) -> Result<NonZeroUsize, String> {
     text.parse()
         .ok()
         .filter(|threads: &NonZeroUsize| threads.get() <= MOST)
-        .ok_or_else(|| format!("expected a number from 1 to {MOST}"))
+        .ok_or_else(|| format!("expected a whole number from 1 to {MOST}"))
 }

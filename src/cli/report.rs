@@ -8,11 +8,10 @@ use clap::Args;
 use super::compare::figure;
 use super::interrupt::Interrupt;
 use super::job::{Compiled, SceneOptions, Source};
-use super::memory::unplanned;
-use super::memory::{PROGRAM, enough};
+use super::memory::{PROGRAM, enough, unplanned};
 use super::output::{Output, save};
 use super::progress::Progress;
-use super::{Failure, Global, machine, text};
+use super::{Failure, Global, text};
 use crate::check::{families, section};
 use crate::field::Lattice;
 use crate::report::TrialError;
@@ -36,11 +35,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value_t = 60.0, allow_negative_numbers = true)]
     time_limit: f64,
     /// Times that each is repeated, after a first that does not count
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100), default_value = "5",
+    #[arg(long, value_name = "N", value_parser = text::whole::<u8>(1, 100), default_value = "5",
         allow_negative_numbers = true)]
     repeats: u8,
     /// Points at which bakes are held against the scene's definition
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1000..=10_000_000),
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1000, 10_000_000),
         default_value = "40000", allow_negative_numbers = true)]
     points: u32,
     /// Pixels of pictures
@@ -91,7 +90,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let interrupt = Interrupt::listen()?;
     check(form, &arguments.output)?;
     let pool = global.pool()?;
-    has_room()?;
+    has_room(&arguments.options)?;
     let files = pool.install(|| {
         let Compiled { scene, lattice, .. } =
             Source::read(&arguments.scene, &arguments.options)?.compile(arguments.options.time())?;
@@ -108,11 +107,12 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.show(&report, |report| human(report, &arguments.output))
 }
 
-/// Refuses to begin where the system lets the process have less than pictures, plots and the page take.
-fn has_room() -> Result<(), Failure> {
-    /// Bytes: with 41 MiB no report was finished, and with 80 MiB those of the shipped scenes begin.
-    const LEAST: u64 = 72 << 20;
-    match machine::process_limit() {
+/// Bytes that a report takes at least: with 41 MiB none was finished, and with 80 MiB those of the shipped scenes begin.
+const LEAST: u64 = 72 << 20;
+
+/// Refuses to begin where the process may have less than pictures, plots and the page take.
+fn has_room(options: &SceneOptions) -> Result<(), Failure> {
+    match options.limit() {
         Some(limit) if limit < LEAST => {
             let failure = Failure::failed("a report takes more memory than this process may have");
             Err(failure.hint(format!("allow more with --memory {}", enough(LEAST))))
@@ -189,7 +189,7 @@ fn cannot(error: TrialError) -> Failure {
     match error {
         TrialError::Plan(error @ PlanError::TooMany { bricks, .. }) => {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-            let bytes = PROGRAM.saturating_add((BRICK * bricks) as u64);
+            let bytes = PROGRAM.saturating_add((BRICK * bricks) as u64).max(LEAST);
             Failure::failed(error.to_string())
                 .hint(format!("take a larger --voxel-size, or allow more with --memory {}", enough(bytes)))
         }

@@ -1,6 +1,7 @@
 //! Numbers and names for people.
 
 use std::fmt::Display;
+use std::str::FromStr;
 
 use bytesize::ByteSize;
 
@@ -99,6 +100,17 @@ pub(super) fn warnings(warnings: &Warnings) -> Vec<String> {
     warnings.list().iter().map(show).collect()
 }
 
+/// What an option takes that is a whole number, from `least` to `most`.
+pub(super) fn whole<T>(least: T, most: T) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: FromStr + PartialOrd + Display + Copy,
+{
+    move |text| {
+        let number = text.parse().ok().filter(|number| (least..=most).contains(number));
+        number.ok_or_else(|| format!("expected a whole number from {least} to {most}"))
+    }
+}
+
 /// Seconds to the millisecond.
 pub(super) fn seconds(x: f64) -> String {
     format!("{x:.3} s")
@@ -140,6 +152,19 @@ mod tests {
     fn numbers_keep_four_digits() {
         for (x, expected) in [(0.0097656, "0.009766"), (2.5, "2.5"), (-12346.0, "-12350"), (0.0, "0")] {
             assert_eq!(short(x), expected);
+        }
+    }
+
+    #[test]
+    fn whole_numbers_are_asked_for_in_words() {
+        let from_one_to_ten = whole::<u8>(1, 10);
+        assert_eq!(["1", "10"].map(&from_one_to_ten), [Ok(1), Ok(10)]);
+        for text in ["0", "11", "-1", "300", "1.5", "2.0", "1e1", "ten", "", " 1"] {
+            assert_eq!(
+                from_one_to_ten(text),
+                Err("expected a whole number from 1 to 10".to_owned()),
+                "{text:?}"
+            );
         }
     }
 

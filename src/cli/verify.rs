@@ -21,12 +21,14 @@ use crate::report::{
 };
 use crate::scene::Scene;
 use crate::scene::limit::ANY;
-use crate::volume::{Plan, Precision};
+use crate::volume::{Plan, PlanError, Precision};
 
 /// Figures of a certificate are the same on every run, but for what JSON keeps of them.
 const SAME: f64 = 1e-9;
 /// Bytes for bricks that are baked again, and the leaves that they are held against.
 const BAKING: u64 = 8 << 20;
+/// Bytes for each leaf of the file without its values.
+const LEAF: u64 = 128;
 /// Faults of a certificate that are shown: one altered voxel changes most of its figures.
 const SHOWN: usize = 5;
 
@@ -53,7 +55,7 @@ fn bricks(text: &str) -> Result<usize, String> {
         return Ok(usize::MAX);
     }
     let bricks = text.parse().ok().filter(|bricks| *bricks > 0);
-    bricks.ok_or_else(|| "expected a number of bricks of at least 1, or `all`".to_owned())
+    bricks.ok_or_else(|| "expected a whole number of bricks of at least 1, or `all`".to_owned())
 }
 
 /// What a file's metadata say that it was baked with.
@@ -181,7 +183,10 @@ fn verify(arguments: &Arguments, global: &Global, interrupt: &Interrupt) -> Resu
     let is_measured = own.is_some() || arguments.export.is_some();
     let plan = Plan::new(&field, lattice, memory.bytes().saturating_sub(besides)).map_err(|error| {
         let measured = certify::enough_for(error, precision, process).filter(|_| is_measured);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let leaves = if let PlanError::TooMany { bricks, .. } = error { bricks as u64 } else { 0 };
         let planned = error.enough().map(|plan| plan.saturating_add(besides));
+        let planned = planned.map(|bytes| bytes.saturating_add(LEAF.saturating_mul(leaves)));
         let failure = Failure::failed("the bricks cannot be planned").because(error);
         let hint = planned.max(measured).map(|bytes| format!("allow more with --memory {}", enough(bytes)));
         hint.into_iter().fold(failure, Failure::hint)

@@ -33,20 +33,37 @@ impl Field {
         let most = usize::try_from(budget / (GROWTH * size_of::<Capsule>() as u64)).unwrap_or(usize::MAX);
         let most = most.min(MOST_CAPSULES);
         let mut capsules = Vec::new();
+        self.each_capsule(lattice, &mut |capsule| {
+            (capsule.is_point || capsules.len() < most).then(|| capsules.push(capsule))
+        })?;
+        Some(capsules)
+    }
+
+    /// The budget with which there is room to list so many.
+    pub(crate) fn cover_bytes(capsules: usize) -> u64 {
+        GROWTH * (size_of::<Capsule>() * capsules) as u64
+    }
+
+    /// Calls `visit` with each of these capsules, one after the other, until it gives `None`.
+    pub(crate) fn each_capsule(
+        &self,
+        lattice: Lattice,
+        visit: &mut impl FnMut(Capsule) -> Option<()>,
+    ) -> Option<()> {
         for (index, tube) in self.tubes.iter().enumerate() {
             let index = u32::try_from(index).ok()?;
             for (part, spans) in tube.spans.iter().enumerate() {
                 let part = u32::try_from(part).ok()?;
                 for span in spans {
-                    cover(tube, index, part, span.core, lattice.voxel_size, most, &mut capsules)?;
+                    cover(tube, index, part, span.core, lattice.voxel_size, visit)?;
                 }
             }
             for (part, point) in tube.points.iter().enumerate() {
                 let (part, radius) = (u32::try_from(part).ok()?, point.section.radius);
-                capsules.push(Capsule { tube: index, part, t: [0.0; 2], radius, is_point: true });
+                visit(Capsule { tube: index, part, t: [0.0; 2], radius, is_point: true })?;
             }
         }
-        Some(capsules)
+        Some(())
     }
 
     /// About how many blocks the density reaches: the volume of the tubes, grown by a block's radius, over a block's.
@@ -69,31 +86,26 @@ impl Field {
     }
 }
 
-/// Halves the interval until a piece is about a block long.
+/// Halves the interval until a piece is one to two and a half blocks long.
 fn cover(
     tube: &Tube,
     index: u32,
     part: u32,
     t: [f64; 2],
     h: f64,
-    most: usize,
-    out: &mut Vec<Capsule>,
+    visit: &mut impl FnMut(Capsule) -> Option<()>,
 ) -> Option<()> {
-    if out.len() >= most {
-        return None;
-    }
     let segment = part as usize;
     let arc = t.map(|t| tube.curve.arc_length(segment, t));
     let middle = 0.5 * (t[0] + t[1]);
     #[allow(clippy::cast_precision_loss, reason = "eight")]
     if arc[1] - arc[0] > 2.5 * EDGE as f64 * h && middle > t[0] && middle < t[1] {
-        cover(tube, index, part, [t[0], middle], h, most, out)?;
-        return cover(tube, index, part, [middle, t[1]], h, most, out);
+        cover(tube, index, part, [t[0], middle], h, visit)?;
+        return cover(tube, index, part, [middle, t[1]], h, visit);
     }
     let x = arc.map(|s| s / tube.curve.length());
     let [_, radius] = tube.radius.range(x);
-    out.push(Capsule { tube: index, part, t, radius, is_point: false });
-    Some(())
+    visit(Capsule { tube: index, part, t, radius, is_point: false })
 }
 
 /// Bounds of a segment's derivatives over an interval.

@@ -47,6 +47,22 @@ pub enum CsvError {
 /// See [`CsvError`].
 pub fn read_points(input: &mut impl BufRead) -> Result<Vec<[f64; 3]>, CsvError> {
     let mut points = Vec::new();
+    each_point(input, |point| {
+        points.try_reserve(1).map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
+        points.push(point);
+        Ok(())
+    })?;
+    Ok(points)
+}
+
+/// The same, one by one.
+///
+/// # Errors
+/// See [`CsvError`]; and those of `visit`.
+pub fn each_point(
+    input: &mut impl BufRead,
+    mut visit: impl FnMut([f64; 3]) -> io::Result<()>,
+) -> Result<(), CsvError> {
     let mut bytes = Vec::new();
     let mut header_may_follow = true;
     for line in 1.. {
@@ -69,15 +85,12 @@ pub fn read_points(input: &mut impl BufRead) -> Result<Vec<[f64; 3]>, CsvError> 
         let may_be_header = std::mem::take(&mut header_may_follow);
         let fields: Vec<Option<f64>> = text.split(',').map(|field| field.trim().parse().ok()).collect();
         match fields.as_slice() {
-            [Some(x), Some(y), Some(z)] => {
-                points.try_reserve(1).map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
-                points.push([*x, *y, *z]);
-            }
+            [Some(x), Some(y), Some(z)] => visit([*x, *y, *z])?,
             [None, None, None] if may_be_header => {}
             _ => return Err(fault(shown(text))),
         }
     }
-    Ok(points)
+    Ok(())
 }
 
 /// A line in quotes, without characters that could steer a terminal.

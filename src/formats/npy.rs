@@ -67,6 +67,12 @@ pub enum NpyError {
     /// An array in Fortran's order.
     #[error("arrays in Fortran order are not supported: save numpy.ascontiguousarray(...)")]
     FortranOrder,
+    /// There are more elements than are allowed.
+    #[error("{count} elements are too many")]
+    TooMany {
+        /// As the header has it.
+        count: u64,
+    },
     /// The input ends before the last element.
     #[error("truncated .npy file: {found} of {expected} bytes of elements")]
     Truncated {
@@ -84,6 +90,14 @@ pub enum NpyError {
 /// # Errors
 /// See [`NpyError`].
 pub fn read(input: &mut impl Read) -> Result<Array, NpyError> {
+    read_within(input, u64::MAX)
+}
+
+/// The same of no more than so many elements.
+///
+/// # Errors
+/// See [`NpyError`].
+pub fn read_within(input: &mut impl Read, most: u64) -> Result<Array, NpyError> {
     let mut start = [0; 8];
     fill(input, &mut start, NpyError::Magic)?;
     let [magic @ .., major, minor] = start;
@@ -115,6 +129,9 @@ pub fn read(input: &mut impl Read) -> Result<Array, NpyError> {
     }
     let count = header.shape.iter().try_fold(1_u64, |count, n| count.checked_mul(*n as u64));
     let count = count.ok_or(NpyError::Header("the shape has too many elements"))?;
+    if count > most {
+        return Err(NpyError::TooMany { count });
+    }
     let values = match header.descr.as_str() {
         "<f4" => Values::F32(elements(input, count, f32::from_le_bytes)?),
         ">f4" => Values::F32(elements(input, count, f32::from_be_bytes)?),

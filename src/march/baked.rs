@@ -241,6 +241,11 @@ impl Baked {
         Baked { sampling, ..self }
     }
 
+    /// Bytes that it takes.
+    pub fn memory(&self) -> u64 {
+        BRICK.saturating_mul(self.values.len() as u64)
+    }
+
     /// Whether there is room in `budget` bytes for it with the shadows of so many lamps.
     ///
     /// # Errors

@@ -109,6 +109,11 @@ impl Bricks {
         Bricks { blocks, nodes }
     }
 
+    /// Bytes that they take.
+    pub(super) fn memory(&self) -> usize {
+        size_of_val(self.blocks.as_slice()) + self.nodes.memory()
+    }
+
     /// How to find them.
     pub(super) fn nodes(&self) -> &Nodes {
         &self.nodes

@@ -33,6 +33,13 @@ struct Node {
 }
 
 impl Nodes {
+    /// Bytes that they take, in lists that grow by doubling.
+    pub(super) fn memory(&self) -> usize {
+        size_of_val(self.table.as_slice())
+            + self.nodes.capacity() * size_of::<Node>()
+            + size_of_val(self.order.as_slice())
+    }
+
     /// Of bricks, none of them twice.
     pub(super) fn new(blocks: &[[i32; 3]]) -> Nodes {
         let node_of = |block: [i32; 3]| block.map(|c| c >> LOG2);

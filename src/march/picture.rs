@@ -254,6 +254,21 @@ impl<'a> Picture<'a> {
         }
     }
 
+    /// Bytes that [`Picture::new`] and its samples take at most beside the medium and the film, but for shadows of suns that are
+    /// swept through voxels, and for what random paths take.
+    pub fn memory(medium: &Medium<'_>, camera: &Camera, optics: &Optics, quality: Quality) -> u64 {
+        let bricks = medium.bricks();
+        let [finding, kept] =
+            Tiles::new(camera, quality.size, medium.grid(), bricks).bytes(bricks.blocks.len());
+        let [making, shadows] = match (quality.integrator, quality.shadow) {
+            (Integrator::Single, Shadow::Cached(pitch)) if !optics.lamps.is_empty() => {
+                Shadows::bytes(medium, optics, pitch)
+            }
+            _ => [0, size_of_val(bricks.blocks.as_slice()) as u64 * 2],
+        };
+        finding.max(kept + making.max(shadows))
+    }
+
     /// What rays see.
     fn seen_by_rays(&self) -> &Optics {
         if self.tracer.is_some() { &self.dark } else { self.optics }

@@ -103,6 +103,11 @@ impl<'a> Procedural<'a> {
         Procedural { marching, boxes, ..self }
     }
 
+    /// Bytes that it takes.
+    pub fn memory(&self) -> u64 {
+        (self.plan.memory() + self.bricks.memory()) as u64
+    }
+
     /// Places that the density was evaluated at so far, and how many of them were inside a tube (of several pieces of tubes
     /// at one place each counts, and so do the repetitions of a place that fill lanes).
     pub fn places(&self) -> [u64; 2] {

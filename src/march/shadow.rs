@@ -3,13 +3,15 @@
 //! Rays leave a lamp as if it were a camera, two cells apart, and keep their optical depth at every two cells' length; in
 //! between it is linear, along the rays and from ray to ray.
 
+use std::sync::OnceLock;
+
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::baked::Sampling;
+use super::baked::{Baked, Sampling};
 use super::bins::Bins;
 use super::camera::Camera;
-use super::grid::Grid;
+use super::grid::{EDGE, Grid};
 use super::medium::{Brick, Medium, Way};
 use super::optics::{Lamp, Optics};
 use super::procedural::Worker;
@@ -63,19 +65,13 @@ pub(super) struct Shadows {
 impl Shadows {
     /// Along rays that are `pitch` cells apart.
     pub(super) fn new(medium: &Medium<'_>, optics: &Optics, pitch: f64, level: Level) -> Shadows {
-        // Rays pass all cells, and what is between them and some beside them counts too.
-        #[allow(clippy::cast_precision_loss, reason = "a bound")]
-        let depths = 1.5 * 512.0 * medium.brick_count() as f64 / (pitch * pitch * pitch);
-        let is_second = pitch == SECOND;
-        let pitch = pitch * libm::cbrt((depths / MOST_DEPTHS).max(1.0));
+        let (asked, pitch) = (pitch, spread(medium, pitch));
         let lamps = optics
             .lamps
             .iter()
             .map(|lamp| {
-                if let (Medium::Baked(baked), Lamp::Sun { direction, .. }) = (medium, lamp)
-                    && baked.sampling == Sampling::Planes
-                    && is_second
-                    && let Some(swept) = sweep(baked, *direction, optics.extinction, level)
+                if let Some((baked, direction)) = may_be_swept(medium, lamp, asked)
+                    && let Some(swept) = sweep(baked, direction, optics.extinction, level)
                 {
                     return Shadow::Swept(swept);
                 }
@@ -87,6 +83,28 @@ impl Shadows {
             })
             .collect();
         Shadows { lamps, edge: if pitch < 2.0 { FINE } else { COARSE } }
+    }
+
+    /// Bytes that these take at most, while they are found, and then with the tables of all bricks; but for those of suns that
+    /// are swept.
+    pub(super) fn bytes(medium: &Medium<'_>, optics: &Optics, pitch: f64) -> [u64; 2] {
+        let (step, edge) = (spread(medium, pitch), if spread(medium, pitch) < 2.0 { FINE } else { COARSE });
+        let (mut making, mut kept) = (0, 0);
+        for lamp in &optics.lamps {
+            if may_be_swept(medium, lamp, pitch).is_some() {
+                continue;
+            }
+            for (camera, size, step, pieces) in cameras(lamp, medium.grid(), medium.bricks().bounds(), step) {
+                let [found, map] = Map::bytes(medium, &camera, size, step);
+                let bins = size_of::<f32>() * RAYS * pieces * rayon::current_num_threads();
+                making = making.max(kept + found + bins as u64);
+                kept += map;
+            }
+        }
+        /// Beside the values of a table: where it is, and what allocators keep to themselves.
+        const TABLE: usize = size_of::<OnceLock<Box<[f32]>>>() + 16;
+        let tables = size_of::<f32>() * edge * edge * edge * optics.lamps.len() + TABLE;
+        [making, kept + (tables * medium.brick_count()) as u64]
     }
 
     /// The optical depths towards each lamp at the points of a brick's table.
@@ -110,6 +128,26 @@ impl Shadows {
             }
         }
         table.into()
+    }
+}
+
+/// Cells between rays for which so many are asked for: more where there would be too many depths.
+fn spread(medium: &Medium<'_>, pitch: f64) -> f64 {
+    // Rays pass all cells, and what is between them and some beside them counts too.
+    #[allow(clippy::cast_precision_loss, reason = "a bound")]
+    let depths = 1.5 * 512.0 * medium.brick_count() as f64 / (pitch * pitch * pitch);
+    pitch * libm::cbrt((depths / MOST_DEPTHS).max(1.0))
+}
+
+/// Voxels, and the direction of a sun whose rays may be swept through them.
+fn may_be_swept<'a>(medium: &'a Medium<'_>, lamp: &Lamp, pitch: f64) -> Option<(&'a Baked, DVec3)> {
+    match (medium, lamp) {
+        (Medium::Baked(baked), Lamp::Sun { direction, .. })
+            if baked.sampling == Sampling::Planes && pitch == SECOND =>
+        {
+            Some((baked, *direction))
+        }
+        _ => None,
     }
 }
 
@@ -213,12 +251,62 @@ fn cameras(
     }
 }
 
+/// How far from a camera a brick begins and ends, in metres along rays.
+fn extent(camera: &Camera, grid: &Grid, block: [i32; 3]) -> [f64; 2] {
+    let half = 0.5 * f64::from(EDGE);
+    let middle =
+        grid.to_world(DVec3::from(block.map(|c| f64::from(EDGE) * f64::from(c) + half))) - camera.eye;
+    let steps = DVec3::AXES.map(|axis| grid.step_to_world(half * axis));
+    let (middle, reach): (f64, f64) = if camera.is_orthographic {
+        (middle.dot(camera.forward), steps.iter().map(|step| step.dot(camera.forward).abs()).sum())
+    } else {
+        (middle.length(), steps.iter().map(|step| step.length()).sum())
+    };
+    [middle - reach, middle + reach]
+}
+
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole and small")]
 fn whole(x: f64) -> usize {
     x as usize
 }
 
 impl Map {
+    /// Bytes that it takes at most while it is found, and then.
+    fn bytes(medium: &Medium<'_>, camera: &Camera, size: [usize; 2], step: f64) -> [u64; 2] {
+        /// Of a ray with depths, beside them: in a tile, with what allocators keep to themselves.
+        const FOUND: u64 = size_of::<(u32, Vec<f32>)>() as u64 + 16;
+        let (grid, bricks) = (medium.grid(), medium.bricks());
+        let tiles = Tiles::new(camera, size, grid, bricks);
+        let pieces: u64 = (0..tiles.count())
+            .into_par_iter()
+            .map_init(
+                || vec![[f64::INFINITY, f64::NEG_INFINITY]; RAYS],
+                |ends, tile| {
+                    ends.fill([f64::INFINITY, f64::NEG_INFINITY]);
+                    for seen in tiles.seen(tile) {
+                        let [near, far] = extent(camera, grid, bricks.blocks[seen.brick as usize]);
+                        for row in seen.rows[0]..=seen.rows[1] {
+                            let row = &mut ends[usize::from(row) * TILE..][..TILE];
+                            for ends in &mut row[usize::from(seen.columns[0])..=usize::from(seen.columns[1])]
+                            {
+                                *ends = [ends[0].min(near), ends[1].max(far)];
+                            }
+                        }
+                    }
+                    let pieces =
+                        |[near, far]: &[f64; 2]| if near < far { whole((far - near) / step) + 2 } else { 0 };
+                    ends.iter().map(pieces).sum::<usize>() as u64
+                },
+            )
+            .sum();
+        let rays = (tiles.count() * RAYS) as u64;
+        let [finding, held] = tiles.bytes(bricks.blocks.len());
+        let depths = size_of::<f32>() as u64 * pieces;
+        let kept = size_of::<(usize, u32, u32)>() as u64 * rays + depths;
+        // Of every ray, and then of all.
+        [finding.max(held + FOUND * rays + depths + kept), kept]
+    }
+
     fn new(
         medium: &Medium<'_>,
         camera: Camera,
@@ -261,8 +349,14 @@ impl Map {
                 },
             )
             .collect();
-        let mut map =
-            Map { camera, size, step, rays: vec![(0, 0, 0); size[0] * size[1]], depths: Vec::new() };
+        let count = found.iter().flatten().map(|(_, depths)| depths.len()).sum();
+        let mut map = Map {
+            camera,
+            size,
+            step,
+            rays: vec![(0, 0, 0); size[0] * size[1]],
+            depths: Vec::with_capacity(count),
+        };
         for (tile, rays) in found.into_iter().enumerate() {
             let corner = tiles.corner(tile);
             for (number, (first, depths)) in rays.into_iter().enumerate() {

@@ -83,6 +83,14 @@ impl Tiles {
         Tiles { size, columns, starts, seen }
     }
 
+    /// Bytes that they take while they are found, of so many bricks, and then.
+    pub(super) fn bytes(&self, bricks: usize) -> [u64; 2] {
+        /// What is known of a brick: in a list of each thread, and of all.
+        const FOUND: usize = 2 * size_of::<(u32, u64, [[usize; 2]; 2])>() + 2 * size_of::<u32>();
+        let kept = size_of_val(self.seen.as_slice()) + 2 * size_of_val(self.starts.as_slice());
+        [kept + FOUND * bricks, kept].map(|bytes| bytes as u64)
+    }
+
     pub(super) fn count(&self) -> usize {
         self.starts.len() - 1
     }

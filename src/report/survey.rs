@@ -17,7 +17,7 @@ use crate::num::Level;
 use crate::num::quadrature::gauss_legendre;
 use crate::reference::Reference;
 use crate::scene::Scene;
-use crate::volume::{Filter, Plan, PlanError, Precision, planned_density_at};
+use crate::volume::{Enough, Filter, Plan, PlanError, Precision, planned_density_at};
 
 /// How far beside its bricks a bake is looked at, in voxels: as far as a filter may reach and more.
 pub const MARGIN: f64 = 1.0;
@@ -94,7 +94,8 @@ impl<'a> Survey<'a> {
         let lot = self.pilot.at(Lattice { voxel_size })?;
         let bytes = self.share_of(&lot);
         #[allow(clippy::cast_precision_loss, reason = "for a message")]
-        let too_many = PlanError::TooMany { bricks: lot.plan.bricks() as f64, bytes: Some(bytes) };
+        let too_many =
+            PlanError::TooMany { bricks: lot.plan.bricks() as f64, enough: Some(Enough { bytes, nodes: 0 }) };
         if bytes <= self.budget { Ok(lot) } else { Err(too_many) }
     }
 

@@ -158,9 +158,13 @@ impl<'a> Pilot<'a> {
 }
 
 impl Lot {
-    /// Bricks that are baked at once, and for each thread where these are many: some KiB each.
-    const AT_ONCE: usize = 1 << 9;
-    const PER_THREAD: usize = 32;
+    /// Bricks that are baked at once on the current `rayon` pool: some KiB each.
+    pub fn at_once() -> usize {
+        const LEAST: usize = 1 << 9;
+        /// For each thread, where these are many.
+        const PER_THREAD: usize = 32;
+        LEAST.max(PER_THREAD * rayon::current_num_threads())
+    }
 
     /// The whole bake.
     ///
@@ -181,7 +185,7 @@ impl Lot {
         const BRICK: u64 = 8192;
         let bricks = self.plan.bricks();
         #[allow(clippy::cast_precision_loss, reason = "for a message")]
-        let too_many = PlanError::TooMany { bricks: bricks as f64, bytes: None };
+        let too_many = PlanError::TooMany { bricks: bricks as f64, enough: None };
         if (bricks as u64).saturating_mul(BRICK) > self.budget { Err(too_many) } else { Ok(()) }
     }
 
@@ -201,7 +205,7 @@ impl Lot {
     /// As [`Trial::new`].
     pub fn values(&self, points: &[DVec3], filter: Filter, encoder: Encoder) -> Result<Vec<f64>, TrialError> {
         let h = self.plan.lattice().voxel_size;
-        let most = Lot::AT_ONCE.max(Lot::PER_THREAD * rayon::current_num_threads());
+        let most = Lot::at_once();
         if self.plan.bricks() <= most {
             let trial = Trial::new(&self.field, &self.plan, self.cutoff, encoder)?;
             let index: Vec<DVec3> = points.iter().map(|point| *point / h - 0.5).collect();

@@ -37,7 +37,7 @@ pub use brick::{Brick, Encode, Sink};
 pub(crate) use dispatch::{evaluate_block, evaluate_every};
 pub use hash::{BrickHash, ContentHash};
 pub use part::{NotRead, Part, PartialTree};
-pub use plan::{Plan, PlanError};
+pub use plan::{Enough, Plan, PlanError};
 pub use points::{density_at, planned_density_at};
 pub(crate) use precision::to_halves;
 pub use precision::{LARGEST_F16, Precision, Rounded};

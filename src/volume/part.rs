@@ -43,6 +43,14 @@ impl Part {
         Part(Cubes::At(cubes))
     }
 
+    /// No tree has more leaves in it.
+    pub(crate) fn most_leaves(&self) -> usize {
+        match &self.0 {
+            Cubes::Box(_) => usize::MAX,
+            Cubes::At(cubes) => cubes.len(),
+        }
+    }
+
     /// The leaves of a tree that lie in it, in the order of the tree.
     pub(crate) fn leaves_of<T: Value>(&self, tree: &Tree<T>) -> Vec<bool> {
         match &self.0 {

@@ -1,5 +1,6 @@
 //! Which bricks can hold density, found before any memory for values is taken.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -41,10 +42,10 @@ pub enum PlanError {
     /// The plan itself would not fit the memory, or the system has less to give.
     #[error("about {bricks:.3e} bricks of 8^3 voxels are too many to plan")]
     TooMany {
-        /// About how many, each counted once for every piece of an axis that reaches it.
+        /// About how many; no fewer than there are where what is enough is known.
         bricks: f64,
-        /// Bytes that are enough to plan them; `None` where the number is known within a factor of a few only.
-        bytes: Option<u64>,
+        /// What is enough to plan them; `None` where the number is known within a factor of a few only.
+        enough: Option<Enough>,
     },
     /// The density lies beyond the range of voxel indices.
     #[error(
@@ -59,6 +60,15 @@ pub enum PlanError {
     TooWide,
 }
 
+/// What bricks take that were counted without being kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Enough {
+    /// Bytes that are enough to plan them.
+    pub bytes: u64,
+    /// Nodes above them in a grid.
+    pub nodes: u64,
+}
+
 impl PlanError {
     /// Bytes in which there is room for the plan that there was none for; `None` where it is not memory that it wants.
     pub fn enough(self) -> Option<u64> {
@@ -68,8 +78,8 @@ impl PlanError {
         #[allow(clippy::cast_precision_loss, reason = "small")]
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         match self {
-            PlanError::TooMany { bytes: Some(bytes), .. } => Some(bytes),
-            PlanError::TooMany { bricks, bytes: None } => {
+            PlanError::TooMany { enough: Some(enough), .. } => Some(enough.bytes),
+            PlanError::TooMany { bricks, enough: None } => {
                 Some(LEAST.saturating_add((ROOM * bricks * BYTES as f64) as u64))
             }
             PlanError::IndexRange { .. } | PlanError::TooWide => None,
@@ -92,10 +102,16 @@ const BRICK: u32 = 26;
 const NODE: u32 = 4;
 /// Bits that number a brick in its lower node.
 const IN_NODE: u32 = 3 * NODE;
+/// Bits that number a lower node in its upper node, of 32^3.
+const IN_UPPER: u32 = 15;
 /// More lower nodes than this cannot be numbered.
 const MOST_NODES: usize = 1 << (64 - BRICK - IN_NODE);
 /// Bytes that a brick takes at least until it is planned, where one capsule reaches it.
 const BYTES: usize = size_of::<Contact>() + size_of::<Candidate>() + size_of::<Planned>();
+/// Bytes for the place of a capsule's contacts, and their number.
+const PLACE: usize = size_of::<usize>() + size_of::<&mut [Contact]>();
+/// Bricks are sought where as many as are expected take no more than this many times the budget.
+const LET_PASS: f64 = 2.0;
 /// Capsules that one task looks at.
 const CAPSULES: usize = 16;
 /// Bricks along an edge of a root node, as a power of two.
@@ -137,42 +153,41 @@ impl Plan {
         budget: u64,
     ) -> Result<Plan, PlanError> {
         let root = index_range(field, lattice)?;
-        // Within a factor of a few of the contacts: what is far beyond the budget is not worth counting.
+        // Within a factor of a few of the contacts: what is far beyond the budget is not worth planning.
         let estimate = field.estimate_blocks(lattice);
+        let uncounted = || Count::new(field, lattice, extent, with_edges, root).error(estimate);
         #[allow(clippy::cast_precision_loss, reason = "a rough bound")]
-        if estimate * BYTES as f64 > 2.0 * budget as f64 {
-            return Err(PlanError::TooMany { bricks: estimate, bytes: None });
+        if estimate * BYTES as f64 > LET_PASS * budget as f64 {
+            return Err(uncounted());
         }
-        let cover = field.cover(lattice, budget);
-        let cover = cover.ok_or(PlanError::TooMany { bricks: estimate, bytes: None })?;
+        let cover = field.cover(lattice, budget).ok_or_else(uncounted)?;
         let has_edges = with_edges
             && field.is_antialiased()
             && cover.par_iter().any(|capsule| field.edges(capsule, lattice).is_some());
         let reach = if has_edges { Extent::Whole } else { extent };
         let Census { counts, nodes } = Census::new(field, lattice, &cover, reach, root);
         let count: usize = counts.iter().sum();
-        let places = cover.len() * (size_of::<usize>() + size_of::<&mut [Contact]>());
+        let places = cover.len() * PLACE;
         let finding =
             size_of_val(cover.as_slice()) + size_of_val(nodes.as_slice()) + count * size_of::<Contact>();
-        // As if every contact were of a brick of its own; and so that the estimate is let pass.
-        let most = count * (size_of::<Planned>() + size_of::<bool>() + size_of::<Candidate>());
-        #[allow(clippy::cast_precision_loss, reason = "for a message")]
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-        let too_many = PlanError::TooMany {
-            bricks: count as f64,
-            bytes: Some(
-                ((finding + places.max(most)) as u64).max((0.5 * estimate * BYTES as f64) as u64 + 1),
-            ),
+        let capsules = cover.len();
+        // Counted anew, since contacts do not tell how many bricks they are of.
+        let too_many = || match uncounted() {
+            PlanError::TooMany { enough: None, .. } => {
+                let nodes = uppers(&nodes) + nodes.len();
+                Count { capsules, contacts: count, bricks: count, nodes }.error(estimate)
+            }
+            error => error,
         };
         let fits = |bytes: usize| bytes as u64 <= budget;
         let countable =
             u32::try_from(count).is_ok() && nodes.len() <= MOST_NODES && cover.len() <= MOST_CAPSULES;
         if !fits(finding + places) || !countable {
-            return Err(too_many);
+            return Err(too_many());
         }
         // Less than the budget may be left of what the system lets the process have.
         let mut contacts = Vec::new();
-        contacts.try_reserve_exact(count).map_err(|_| too_many)?;
+        contacts.try_reserve_exact(count).map_err(|_| too_many())?;
         contacts.resize(count, 0);
         let parts = split(&mut contacts, &counts);
         find_contacts(
@@ -194,7 +209,13 @@ impl Plan {
         let held =
             bricks * (size_of::<Planned>() + usize::from(has_edges)) + candidates * size_of::<Candidate>();
         if !fits(finding + held) {
-            return Err(too_many);
+            let counted = Count { capsules, contacts: count, bricks, nodes: 0 };
+            let enough = Enough {
+                bytes: counted.at_least(estimate, finding + held),
+                nodes: (uppers(&nodes) + nodes.len()) as u64,
+            };
+            #[allow(clippy::cast_precision_loss, reason = "for a message")]
+            return Err(PlanError::TooMany { bricks: bricks as f64, enough: Some(enough) });
         }
         let mut plan = Plan {
             lattice,
@@ -209,7 +230,7 @@ impl Plan {
         let room = plan.bricks.try_reserve_exact(bricks);
         let room = room.and_then(|()| plan.candidates.try_reserve_exact(candidates));
         let room = room.and_then(|()| plan.edges.try_reserve_exact(if has_edges { bricks } else { 0 }));
-        room.map_err(|_| too_many)?;
+        room.map_err(|_| too_many())?;
         each_brick(&contacts, |brick, crossed, needed| {
             let [node, low] = [brick >> IN_NODE, brick & ((1 << IN_NODE) - 1)];
             #[allow(clippy::cast_possible_truncation, reason = "less than 2^26 nodes, and 2^32 candidates")]
@@ -345,6 +366,99 @@ impl Plan {
     pub fn making(&self) -> usize {
         self.making
     }
+}
+
+/// How much there is to plan.
+#[derive(Debug, Clone, Copy, Default)]
+struct Count {
+    capsules: usize,
+    contacts: usize,
+    /// Bricks at most, but for bad luck.
+    bricks: usize,
+    /// Nodes above the bricks.
+    nodes: usize,
+}
+
+impl Count {
+    /// Of a plan that there is no room for: piece by piece, so that only the nodes are kept, which are few, and some of many
+    /// bricks. All 0 where that takes long.
+    fn new(field: &Field, lattice: Lattice, extent: Extent, with_edges: bool, root: [i64; 3]) -> Count {
+        /// Bricks that are counted within some tenths of a second.
+        const FEW: f64 = 1e6;
+        /// Where there are more than so many, one in so many is kept, whose numbers are a matter of chance.
+        const ALL: f64 = 8192.0;
+        const ONE_IN: usize = 64;
+        let estimate = field.estimate_blocks(lattice);
+        if estimate > FEW {
+            return Count::default();
+        }
+        let one_in = if estimate > ALL { ONE_IN } else { 1 };
+        // `None` from a visit ends the search.
+        let has_edges = with_edges
+            && field.is_antialiased()
+            && field
+                .each_capsule(lattice, &mut |capsule| field.edges(&capsule, lattice).is_none().then_some(()))
+                .is_none();
+        let reach = if has_edges { Extent::Whole } else { extent };
+        let (mut count, mut nodes, mut last) = (Count::default(), BTreeSet::new(), None);
+        let mut kept = BTreeSet::new();
+        let counted = field.each_capsule(lattice, &mut |capsule| {
+            count.capsules += 1;
+            capsule.blocks(field, lattice, reach, |block| {
+                count.contacts += 1;
+                let key = file_order(block, root);
+                let node = key >> IN_NODE;
+                if last != Some(node) {
+                    nodes.insert(node);
+                    last = Some(node);
+                }
+                // Multiples of the golden ratio, modulo 1.
+                if key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32 & (one_in as u64 - 1) == 0 {
+                    kept.insert(key);
+                }
+            });
+            (count.capsules < MOST_CAPSULES).then_some(())
+        });
+        let nodes: Vec<u64> = nodes.into_iter().collect();
+        count.nodes = uppers(&nodes) + nodes.len();
+        // Four standard deviations more, if they are a matter of chance.
+        let more = if one_in > 1 { 4 * kept.len().isqrt() } else { 0 };
+        count.bricks = count.contacts.min(one_in * (kept.len() + more));
+        if counted.is_some() { count } else { Count::default() }
+    }
+
+    /// No fewer bytes than let the search for bricks begin.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+    fn at_least(self, estimate: f64, bytes: usize) -> u64 {
+        (bytes as u64)
+            .max((estimate * BYTES as f64 / LET_PASS) as u64 + 1)
+            .max(Field::cover_bytes(self.capsules))
+    }
+
+    /// What is enough for it.
+    fn enough(self, estimate: f64) -> Enough {
+        let Count { capsules, contacts, bricks, nodes } = self;
+        let finding =
+            capsules * size_of::<Capsule>() + nodes * size_of::<u64>() + contacts * size_of::<Contact>();
+        let held = bricks * (size_of::<Planned>() + size_of::<bool>()) + contacts * size_of::<Candidate>();
+        let bytes = self.at_least(estimate, finding + held.max(capsules * PLACE));
+        Enough { bytes, nodes: nodes as u64 }
+    }
+
+    /// Why there is no plan, where about so many bricks were expected.
+    fn error(self, estimate: f64) -> PlanError {
+        if self.capsules == 0 {
+            return PlanError::TooMany { bricks: estimate, enough: None };
+        }
+        #[allow(clippy::cast_precision_loss, reason = "for a message")]
+        let bricks = self.bricks as f64;
+        PlanError::TooMany { bricks, enough: Some(self.enough(estimate)) }
+    }
+}
+
+/// Upper nodes over lower ones with these keys, sorted.
+fn uppers(nodes: &[u64]) -> usize {
+    nodes.chunk_by(|a, b| a >> IN_UPPER == b >> IN_UPPER).count()
 }
 
 /// What is known of contacts before they are found.

@@ -190,6 +190,26 @@ fn the_catalogue_takes_no_options_of_scenes() {
     }
 }
 
+/// The very lines that a bake has, of each moment, and only where they are asked for.
+#[test]
+fn what_a_scene_does_not_need_is_told_as_a_bake_tells_it() {
+    let folder = Folder::new();
+    let bake = folder.json(&["bake", "bent.toml"]);
+    let left_out = bake["left_out"].as_array().expect("a list");
+    assert!(!left_out.is_empty());
+    let check = folder.json(&["check", "bent.toml", "--frames", "1-2"]);
+    let moments = check["moments"].as_array().expect("moments");
+    assert!(
+        moments.len() == 2 && moments.iter().all(|moment| moment["left_out"] == bake["left_out"]),
+        "{check}"
+    );
+    let [asked, plain] = [&["check", "bent.toml", "--explain"][..], &["check", "bent.toml"]]
+        .map(|arguments| text(&folder.run(arguments)).to_owned());
+    for line in left_out.iter().map(|line| line.as_str().expect("words")) {
+        assert!(asked.contains(line) && !plain.contains(line), "{line}: {asked}{plain}");
+    }
+}
+
 #[test]
 fn each_hazard_is_found_at_its_place() {
     let folder = Folder::new();

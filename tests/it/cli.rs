@@ -141,6 +141,35 @@ fn usage_is_2() {
     assert_eq!(folder.made(), [""; 0]);
 }
 
+/// Of every option that takes one.
+#[test]
+fn whole_numbers_are_asked_for_in_words() {
+    let folder = Folder::new();
+    let render = ["render", "bent.toml", "-o", "bent.png"];
+    let report = ["report", "bent.toml", "-o", "bent.html"];
+    for (command, option) in [
+        (&["bake", "bent.toml"][..], "--resolution"),
+        (&["bake", "bent.toml"], "--threads"),
+        (&render, "--samples"),
+        (&render, "--seed"),
+        (&render, "--map-every"),
+        (&render, "--ray-steps"),
+        (&report, "--repeats"),
+        (&report, "--points"),
+        (&["compare", "bent.toml", "bent.toml"], "--points"),
+        (&["compare", "bent.toml", "bent.toml"], "--rays"),
+        (&["verify", "bent.vdb"], "--bricks"),
+    ] {
+        for value in ["1.5", "some", "-1"] {
+            let output = folder.run(&[command, &[option, value]].concat());
+            let told = errors(&output);
+            assert_eq!(code(&output), 2, "{option} {value}: {told}");
+            assert!(told.contains("expected a whole number"), "{option} {value}: {told}");
+        }
+    }
+    assert_eq!(folder.made(), [""; 0]);
+}
+
 #[test]
 fn invalid_input_is_3() {
     let folder = Folder::new();
@@ -343,7 +372,7 @@ fn limits_are_those_of_the_scene_and_exact() {
         ("--time", "1.001e9", "from -1e9 to 1e9"),
         ("--voxel-size", "1.001e9", "(1e-9 to 1e9)"),
         ("--voxel-size", "-1", "(1e-9 to 1e9)"),
-        ("--resolution", "-1", "1..=1000000"),
+        ("--resolution", "-1", "from 1 to 1000000"),
         ("--memory", "-1", "at least 0"),
         ("--threads", "-1", "from 1 to 4096"),
     ] {

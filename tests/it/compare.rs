@@ -187,7 +187,7 @@ fn what_makes_no_sense_is_refused() {
         (&["16.vdb", "16.vdb", "--tolerance", "1", "--metric", "flip"], 2, "--metric flip has no meaning"),
         (&["16.vdb", "16.vdb", "--metric", "l1"], 2, "--tolerance"),
         (&["16.vdb", "16.vdb", "--tolerance", "-1"], 2, "at least 0"),
-        (&["16.vdb", "16.vdb", "--points", "0"], 2, "1..=100000000"),
+        (&["16.vdb", "16.vdb", "--points", "0"], 2, "from 1 to 100000000"),
         (&["broken.exr", "image.exr"], 3, "cannot read broken.exr"),
         (&["image.exr", "broken.png"], 3, "cannot read broken.png"),
         (&["none.vdb", "16.vdb"], 3, "cannot read none.vdb"),
@@ -314,4 +314,38 @@ fn values_that_are_no_numbers_fail_a_tolerance() {
     assert_eq!(code(&output), 4);
     assert!(errors(&output).contains("2 values of A and B, NaN or infinite"), "{}", errors(&output));
     assert!(text(&output).contains("1 values of A, 1 of B"), "{}", text(&output));
+}
+
+#[test]
+fn channels_without_numbers_are_named_beside_layers_to_choose() {
+    let folder = Folder::new();
+    let of = |depth: f32| {
+        let finite = vec![0.5; 4];
+        image(
+            &[
+                ("R", finite.clone()),
+                ("depth.Z", vec![1.0, 2.0, 3.0, depth]),
+                ("opticalDepth.Y", finite.clone()),
+                ("transmittance.Y", finite),
+            ],
+            [2, 2],
+        )
+    };
+    folder.put("a.exr", of(4.0));
+    folder.put("b.exr", of(f32::INFINITY));
+    let run =
+        |layer: &[&str]| folder.run(&[&["compare", "a.exr", "b.exr", "--tolerance", "0"], layer].concat());
+    let all = run(&[]);
+    assert_eq!(code(&all), 4);
+    let told = errors(&all);
+    assert!(told.contains("1 value of A and B, NaN or infinite\nhint: they are in depth.Z\n"), "{told}");
+    assert!(told.contains("--layer") && told.ends_with("finite in opticalDepth, transmittance\n"), "{told}");
+    assert_eq!(code(&run(&["--layer", "transmittance"])), 0);
+    // There is nothing else to choose.
+    let depth = run(&["--layer", "depth"]);
+    assert!(code(&depth) == 4 && !errors(&depth).contains("--layer"), "{}", errors(&depth));
+    // What is a number but too far off is no matter of layers.
+    folder.put("b.exr", of(5.0));
+    let far = run(&[]);
+    assert!(code(&far) == 4 && !errors(&far).contains("hint"), "{}", errors(&far));
 }

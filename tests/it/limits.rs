@@ -161,3 +161,107 @@ fn curves_too_long_for_the_memory_are_refused_before_it_is_taken() {
     let output = plan(&named(&told, "--memory "));
     assert_eq!(code(&output), 0, "{}", errors(&output));
 }
+
+/// What is said to be enough is, at once, and less than twice the least that does.
+#[test]
+fn the_first_memory_that_is_named_is_enough_and_little_more() {
+    let folder = Folder::new();
+    folder.put("asked.toml", windowed(2));
+    let thread: String =
+        (0..600).map(|i| format!("[{}, {}, {}], ", i * 7 % 11, i * 5 % 13, i * 3 % 17)).collect();
+    folder.put(
+        "thread.toml",
+        format!("[[tube]]\nradius = 0.05\ncurve = {{ kind = \"catmull-rom\", points = [{thread}] }}\n"),
+    );
+    folder.json(&["bake", "asked.toml", "-o", "a.vdb", "--resolution", "300"]);
+    folder.put("points.csv", "0,0,0\n0.1,0.1,0.1\n");
+    folder.put("many.csv", "0.1,0.1,0.1\n".repeat(200_000));
+    for arguments in [
+        &["plan", "asked.toml", "--resolution", "900"][..],
+        &["plan", "thread.toml", "--resolution", "1500"],
+        &["check", "asked.toml", "--resolution", "900"],
+        &["check", "thread.toml", "--resolution", "1500"],
+        &["sample", "asked.toml", "--points", "points.csv", "--resolution", "900"],
+        &["sample", "thread.toml", "--points", "many.csv", "--resolution", "1500"],
+        &["sample", "thread.toml", "--points", "many.csv", "--exact"],
+        &["sample", "a.vdb", "--points", "points.csv"],
+        &["sample", "a.vdb", "--points", "many.csv"],
+        &["compare", "asked.toml", "a.vdb", "--resolution", "900", "--points", "1000"],
+        &["compare", "a.vdb", "a.vdb"],
+    ] {
+        let run = |memory: &str| {
+            let output = folder
+                .run(&[arguments, &["--json", "--quiet", "--threads", "2", "--memory", memory]].concat());
+            (code(&output), errors(&output), output.stdout)
+        };
+        let (refused, told, _) = run("1MiB");
+        assert_eq!(refused, 1, "{arguments:?}: {told}");
+        let amount = named(&told, "--memory ");
+        let (done, told, report) = run(&amount);
+        assert_eq!(done, 0, "{arguments:?} {amount}: {told}");
+        if cfg!(target_os = "linux") {
+            let report: serde_json::Value = serde_json::from_slice(&report).expect("JSON");
+            // Those of the others are the same on every run.
+            if ["check", "sample"].contains(&arguments[0]) {
+                let peak = number(&report["peak_rss_bytes"]);
+                assert!(peak <= mebibytes(&amount) << 20, "{arguments:?}: {peak} bytes within {amount}");
+            }
+        }
+        let less = format!("{}MiB", mebibytes(&amount) / 2);
+        assert_eq!(run(&less).0, 1, "{arguments:?}: {less} is enough, and {amount} was named");
+    }
+}
+
+fn mebibytes(amount: &str) -> u64 {
+    amount.strip_suffix("MiB").and_then(|amount| amount.parse().ok()).expect("MiB")
+}
+
+/// Whatever is allowed: it is refused, or enough.
+#[test]
+fn no_memory_is_exceeded_by_what_is_not_refused() {
+    let folder = Folder::new();
+    folder.put("asked.toml", windowed(2));
+    let lamps = "[[light]]\nkind = \"sun\"\n[[light]]\nkind = \"point\"\nposition = [2, 2, 2]\n";
+    folder.put("lit.toml", format!("{}\n{lamps}", windowed(2)));
+    folder.json(&["bake", "lit.toml", "-o", "a.vdb", "--resolution", "300"]);
+    folder.put("many.csv", "0.1,0.1,0.1\n".repeat(200_000));
+    for arguments in [
+        &["check", "asked.toml", "--resolution", "900"][..],
+        &["sample", "asked.toml", "--points", "many.csv", "--resolution", "900"],
+        &["sample", "asked.toml", "--points", "many.csv", "--exact"],
+        &["sample", "a.vdb", "--points", "many.csv"],
+        &["render", "lit.toml", "-o", "a.png", "--size", "64x64", "--resolution", "300"],
+        &[
+            "render",
+            "lit.toml",
+            "-o",
+            "a.png",
+            "--size",
+            "640x640",
+            "--shadow",
+            "none",
+            "--resolution",
+            "900",
+        ],
+        &["render", "a.vdb", "-o", "a.png", "--size", "64x64", "--shadow-step", "1"],
+    ] {
+        let mut done = false;
+        for memory in (16..22).chain([24, 28, 33, 40, 52, 70, 100, 150, 250, 400]) {
+            let amount = format!("{memory}MiB");
+            let output = folder
+                .run(&[arguments, &["--json", "--quiet", "--threads", "2", "--memory", &amount]].concat());
+            let told = errors(&output);
+            if code(&output) != 0 {
+                assert!(code(&output) == 1 && told.contains("--memory "), "{arguments:?} {amount}: {told}");
+                continue;
+            }
+            done = true;
+            if cfg!(target_os = "linux") {
+                let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+                let peak = number(&report["peak_rss_bytes"]);
+                assert!(peak <= memory << 20, "{arguments:?}: {peak} bytes within {amount}");
+            }
+        }
+        assert!(done, "{arguments:?}: never");
+    }
+}

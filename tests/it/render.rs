@@ -375,7 +375,14 @@ fn wrong_arguments_are_2_and_wrong_input_is_3() {
         (&[file, "-o", image, "--grid", "smoke"], "2 error: the file has no grid"),
         (&[file, "-o", image, "--background", "1,2"], "2 error: invalid value '1,2'"),
         (&[file, "-o", text(&folder.path().join("none/a.exr"))], "1 error: there is no folder"),
-        (&[file, "-o", image, "--step", "3"], "2 error: --step 3 has no meaning for a file"),
+        (
+            &[file, "-o", image, "--step", "3"],
+            "2 error: --step 3 has no meaning for a file\nhint: choose 1, 2, 4 or 8",
+        ),
+        (
+            &[file, "-o", image, "--step", "16"],
+            "2 error: invalid value '16' for '--step <VOXELS>': expected a number of voxels from 0.01 to 8, and of a file 1, 2, 4 or 8",
+        ),
         (&[file, "-o", image, "--map-every", "2"], "2 error: --map-every has no meaning for a file"),
         (&[file, "-o", image, "--memory", "10kB"], "1 error: a picture of"),
         (&[file, "-o", image, "--size", "9x5", "--memory", "16MiB"], "1 error: a picture of"),

@@ -204,7 +204,7 @@ fn what_cannot_be_reported_is_refused() {
     ] {
         assert_eq!(code(&run(arguments)), 2, "{arguments:?}");
     }
-    let fine = run(&["-o", "out.json", "--voxel-size", "1e-5", "--memory", "64MiB", "--quiet"]);
+    let fine = run(&["-o", "out.json", "--voxel-size", "1e-5", "--memory", "128MiB", "--quiet"]);
     assert_eq!(code(&fine), 1);
     assert!(errors(&fine).contains("take a larger --voxel-size"), "{}", errors(&fine));
 }

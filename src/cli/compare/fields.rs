@@ -14,7 +14,7 @@ use crate::cli::memory::unplanned;
 use crate::cli::text::{self, Table};
 use crate::formats::vdb::{AnyTree, VdbFile, VdbReadError};
 use crate::report::{self, FieldDifference, Gridded, Places, Procedural, Rows, Scaled, Source};
-use crate::volume::{Filter, Sampled, Tree};
+use crate::volume::{Filter, PlanError, Sampled, Tree};
 
 /// Points, and rays, where nobody says how many.
 const PLACES: Places = Places { points: 200_000, rays: 2000 };
@@ -57,36 +57,59 @@ pub(super) fn compare(arguments: &Arguments, kinds: [Kind; 2]) -> Result<Report,
         points: arguments.points.map_or(PLACES.points, |points| points as usize),
         rays: arguments.rays.map_or(PLACES.rays, |rays| rays as usize),
     };
-    let points = (places.points as u64).saturating_mul(POINT);
+    let points = (places.points as u64).saturating_mul(POINT).saturating_add(BATCH);
     let budget = arguments.memory();
-    let left = budget.checked_sub(points).ok_or_else(|| too_much("comparing so many points", points))?;
-    let (a, a_source, taken) = read(arguments, &arguments.a, kinds[0], left)?;
-    let (b, b_source, more) = read(arguments, &arguments.b, kinds[1], left.saturating_sub(taken))?;
-    let cubes = CUBE * (a_source.support().count() + b_source.support().count()) as u64;
-    let need = [taken, more, cubes, BATCH].iter().fold(points, |sum, part| sum.saturating_add(*part));
-    if need > budget {
+    let left = budget.saturating_sub(points);
+    let a = read(arguments, &arguments.a, kinds[0], left)?;
+    let b = read(arguments, &arguments.b, kinds[1], left.saturating_sub(a.bytes))?;
+    let need = points.saturating_add(a.bytes).saturating_add(b.bytes);
+    let (Some((a, a_source)), Some((b, b_source)), true) = (a.read, b.read, need <= budget) else {
         return Err(too_much("the comparison", need));
-    }
+    };
     let found = report::compare(&*a_source, &*b_source, places);
     let metric = arguments.metric.unwrap_or_default();
     let tolerance = arguments.tolerance.map(|limit| Tolerance::of_fields(metric, limit, &found));
     Ok(Report { kind: "fields", a, b, found, tolerance })
 }
 
-/// One of both, and bytes that it takes.
-fn read(
-    arguments: &Arguments,
-    path: &Path,
-    kind: Kind,
-    budget: u64,
-) -> Result<(Side, Box<dyn Source>, u64), Failure> {
+/// One of both.
+struct Read {
+    /// Bytes that it takes, and what is known of its leaves or bricks; no fewer where there is no room.
+    bytes: u64,
+    /// `None` where there is no room.
+    read: Option<(Side, Box<dyn Source>)>,
+}
+
+impl Read {
+    fn new(side: Side, source: Box<dyn Source>, bytes: u64) -> Read {
+        let cubes = CUBE * source.support().count() as u64;
+        Read { bytes: bytes.saturating_add(cubes), read: Some((side, source)) }
+    }
+
+    /// Of so many bytes, as many times as many at most.
+    fn without_room(bytes: u64, cubes: u64) -> Read {
+        Read { bytes: bytes.saturating_add(cubes), read: None }
+    }
+}
+
+/// Reads one of both within so many bytes.
+fn read(arguments: &Arguments, path: &Path, kind: Kind, budget: u64) -> Result<Read, Failure> {
     if kind == Kind::Grid { grid(arguments, path, budget) } else { scene(arguments, path, budget) }
 }
 
-fn scene(arguments: &Arguments, path: &Path, budget: u64) -> Result<(Side, Box<dyn Source>, u64), Failure> {
+fn scene(arguments: &Arguments, path: &Path, budget: u64) -> Result<Read, Failure> {
     let Compiled { field, lattice, time, .. } =
         SceneSource::read(path, &arguments.scene)?.compile(arguments.scene.time())?;
-    let source = Procedural::new(field, lattice, budget).map_err(unplanned)?;
+    let source = match Procedural::new(field, lattice, budget) {
+        Ok(source) => source,
+        Err(error) => {
+            let (PlanError::TooMany { bricks, .. }, Some(enough)) = (error, error.enough()) else {
+                return Err(unplanned(error));
+            };
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            return Ok(Read::without_room(enough, CUBE.saturating_mul(bricks as u64)));
+        }
+    };
     let side = Side {
         file: path.display().to_string(),
         grid: "density".to_owned(),
@@ -95,16 +118,43 @@ fn scene(arguments: &Arguments, path: &Path, budget: u64) -> Result<(Side, Box<d
         voxel_size: Some(lattice.voxel_size),
     };
     let taken = source.memory();
-    Ok((side, Box::new(source), taken))
+    Ok(Read::new(side, Box::new(source), taken))
 }
 
-fn grid(arguments: &Arguments, path: &Path, budget: u64) -> Result<(Side, Box<dyn Source>, u64), Failure> {
+fn grid(arguments: &Arguments, path: &Path, budget: u64) -> Result<Read, Failure> {
+    /// No leaf takes less than this many times what is known of it besides.
+    const LEAF: u64 = 8;
+    match grid_within(arguments, path, budget) {
+        Ok(read) => Ok(read),
+        Err(Unread::Memory(needed)) => Ok(Read::without_room(needed, needed / LEAF)),
+        Err(Unread::Other(failure)) => Err(failure),
+    }
+}
+
+/// Why a grid was not read.
+enum Unread {
+    /// There is no room for so many bytes.
+    Memory(u64),
+    Other(Failure),
+}
+
+impl From<Failure> for Unread {
+    fn from(failure: Failure) -> Unread {
+        Unread::Other(failure)
+    }
+}
+
+fn grid_within(arguments: &Arguments, path: &Path, budget: u64) -> Result<Read, Unread> {
     let name = path.display();
-    let failed = |error: VdbReadError| Failure::input(format!("cannot read {name}")).because(error);
+    let failed = |error: VdbReadError| match error {
+        VdbReadError::Memory { needed, .. } => Unread::Memory(needed),
+        error => Unread::Other(Failure::input(format!("cannot read {name}")).because(error)),
+    };
     let file =
         File::open(path).map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
     let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
-    let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
+    let beyond = |error: VdbReadError| Failure::input(format!("cannot read {name}")).because(error);
+    let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), beyond)?;
     let grid = file.grid_at(number).map_err(failed)?;
     let filter = arguments.filter.map_or(Filter::Trilinear, Filter::from);
     let no_inverse = || {
@@ -125,7 +175,8 @@ fn grid(arguments: &Arguments, path: &Path, budget: u64) -> Result<(Side, Box<dy
             return Err(Failure::usage(format!(
                 "grid {} of {name} holds vectors, and only grids of numbers are compared",
                 text::tidy(&label)
-            )));
+            ))
+            .into());
         }
     };
     let side = Side {
@@ -139,7 +190,7 @@ fn grid(arguments: &Arguments, path: &Path, budget: u64) -> Result<(Side, Box<dy
         time: None,
         voxel_size: None,
     };
-    Ok((side, source.ok_or_else(no_inverse)?, taken))
+    Ok(Read::new(side, source.ok_or_else(no_inverse)?, taken))
 }
 
 fn gridded<T: Sampled<Wide = f64>>(

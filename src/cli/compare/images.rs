@@ -8,7 +8,7 @@ use crate::cli::interrupt::Interrupt;
 use crate::cli::text::{self, Table};
 use crate::cli::{Failure, Global};
 use crate::report::flip::PIXELS_PER_DEGREE;
-use crate::report::{Errors, ImageDifference, Picture, compare_images};
+use crate::report::{ChannelDifference, Errors, ImageDifference, Picture, compare_images};
 
 /// Bytes that are held for each pixel by FLIP, in strips and as a whole: two images of colours, the map, and a picture of it.
 const PIXEL: u64 = 32;
@@ -26,7 +26,7 @@ pub(super) struct Report {
     /// Where the difference was written.
     difference: Option<String>,
     /// Null where none was asked for.
-    pub(super) tolerance: Option<Tolerance>,
+    tolerance: Option<Tolerance>,
 }
 
 /// One of both, as `--json` prints it.
@@ -35,6 +35,31 @@ struct Side {
     file: String,
     /// What was compared of it: `linear`, or codes of `srgb`.
     values: &'static str,
+}
+
+impl Report {
+    /// Whether the tolerance holds that was asked for. Where values that are NaN or infinite fail it, hints name their channels,
+    /// and the layers without any.
+    pub(super) fn result(&self) -> Result<(), Failure> {
+        let held = self.tolerance.as_ref().map_or(Ok(()), Tolerance::result);
+        held.map_err(|failure| {
+            let channels = &self.found.channels;
+            let name = |channel: &ChannelDifference| channel.name.clone();
+            let partial: Vec<String> =
+                channels.iter().filter(|channel| channel.errors.is_partial()).map(name).collect();
+            if partial.is_empty() {
+                return failure;
+            }
+            let failure = failure.hint(picture::listed("they are in", &partial));
+            let is_whole = |layer: &String| !partial.iter().any(|name| picture::is_within(name, layer));
+            let mut whole = picture::layers(channels.iter().map(|channel| channel.name.as_str()));
+            whole.retain(is_whole);
+            if whole.is_empty() {
+                return failure;
+            }
+            failure.hint(picture::listed("--layer takes one layer only; all values are finite in", &whole))
+        })
+    }
 }
 
 /// Compares images.

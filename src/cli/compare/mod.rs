@@ -39,10 +39,10 @@ pub(super) struct Arguments {
     #[arg(long, value_enum)]
     filter: Option<FilterName>,
     /// Points in the bricks of both at which values are compared [default: 200000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1, 100_000_000), allow_negative_numbers = true)]
     points: Option<u32>,
     /// Rays through the bricks along which optical depths are compared [default: 2000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000), allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(0, 1_000_000), allow_negative_numbers = true)]
     rays: Option<u32>,
     /// The layer of EXR images: the channels NAME.*, or the part of that name [default: all]
     #[arg(long, value_name = "NAME")]
@@ -131,16 +131,15 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     check(arguments, kinds)?;
     let interrupt = Interrupt::listen()?;
     let pool = global.pool()?;
-    let held = if kinds[0].is_image() {
+    if kinds[0].is_image() {
         let report = pool.install(|| images::compare(arguments, kinds, global, &interrupt))?;
         global.show(&report, images::human)?;
-        report.tolerance
+        report.result()
     } else {
         let report = pool.install(|| fields::compare(arguments, kinds))?;
         global.show(&report, fields::human)?;
-        report.tolerance
-    };
-    held.map_or(Ok(()), |tolerance| tolerance.result())
+        report.tolerance.map_or(Ok(()), |tolerance| tolerance.result())
+    }
 }
 
 /// Refuses what cannot be compared, and options that have no meaning for what is.

@@ -75,25 +75,31 @@ fn of_parts(parts: Vec<Part<String>>, layer: Option<&str>, path: &Path) -> Resul
             Failure::usage(format!("{layer} is a channel of {name}, and no layer"))
                 .hint("without --layer all channels are compared, each by itself too")
         } else {
-            Failure::usage(format!("{name} has no layer {layer:?}")).hint(layers(&all))
+            Failure::usage(format!("{name} has no layer {layer:?}")).hint(choice(&all))
         });
     };
     Ok(Picture { size, channels, srgb: false })
 }
 
 /// Whether a channel is one of a layer's.
-fn is_within(channel: &str, layer: &str) -> bool {
+pub(super) fn is_within(channel: &str, layer: &str) -> bool {
     channel.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'))
 }
 
-/// The layers that channels are of, for people.
-fn layers(channels: &[String]) -> String {
+/// The layers that channels are of, each once.
+pub(super) fn layers<'a>(channels: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut layers: Vec<String> = Vec::new();
-    for (layer, _) in channels.iter().filter_map(|channel| channel.rsplit_once('.')) {
+    for (layer, _) in channels.filter_map(|channel| channel.rsplit_once('.')) {
         if !layers.iter().any(|known| known == layer) {
             layers.push(layer.to_owned());
         }
     }
+    layers
+}
+
+/// The layers there are, for people.
+fn choice(channels: &[String]) -> String {
+    let layers = layers(channels.iter().map(String::as_str));
     if layers.is_empty() {
         return listed("it has no layers, only the channels", channels);
     }

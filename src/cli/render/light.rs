@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
-use super::step;
-use crate::cli::Failure;
+use super::voxels;
+use crate::cli::{Failure, text};
 use crate::march::{Film, Integrator, Shadow};
 
 /// Passes before which no estimate of the noise is believed.
@@ -16,20 +16,20 @@ const MOST_SAMPLES: u32 = 1_000_000;
 #[derive(Debug, Args)]
 pub(super) struct LightOptions {
     /// Rays through every pixel, or, with a limit, no more than so many [default: 1; with a limit, 1000000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)))]
+    #[arg(long, value_name = "N", value_parser = text::whole(1, MOST_SAMPLES), allow_negative_numbers = true)]
     samples: Option<u32>,
     /// `single`: light that is scattered once, and ambient light unshadowed; `path`: all light, by random paths
     #[arg(long, value_enum, default_value_t = Kind::Single)]
     integrator: Kind,
     /// Of paths: another seed gives other noise [default: 0]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = text::whole(0, u64::MAX), allow_negative_numbers = true)]
     seed: Option<u64>,
     /// How shadows are found, where light is scattered once: from a table, or by a ray from every sample to every lamp; `none`
     /// leaves them out
     #[arg(long, value_enum)]
     shadow: Option<ShadowKind>,
     /// Of cached shadows: voxels between the rays that they are found by [default: 2]
-    #[arg(long, value_name = "VOXELS", value_parser = step, allow_hyphen_values = true)]
+    #[arg(long, value_name = "VOXELS", value_parser = voxels, allow_hyphen_values = true)]
     shadow_step: Option<f64>,
     /// Stop once this time is over, and give up the pass that is under way then unless it is the first: how many passes that are
     /// depends on the machine
@@ -77,6 +77,11 @@ impl LightOptions {
     /// Whether it was chosen how shadows are found.
     pub(super) fn has_shadow(&self) -> bool {
         self.shadow.is_some() || self.shadow_step.is_some()
+    }
+
+    /// Whether shadows are found before and kept.
+    pub(super) fn keeps_shadows(&self) -> bool {
+        self.integrator() == Integrator::Single && matches!(self.shadow(), Shadow::Cached(_))
     }
 
     pub(super) fn integrator(&self) -> Integrator {

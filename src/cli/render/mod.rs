@@ -19,7 +19,8 @@ use super::output::Output;
 use super::progress::Progress;
 use super::{Failure, Global, info, machine, text};
 use crate::march::{
-    Camera, Entry, Film, Integrator, Intervals, Marching, Method, Picture, Quality, Sampling, Shadow,
+    Camera, Entry, Film, Integrator, Intervals, Lamp, Marching, Medium, Method, Optics, Picture, Quality,
+    Sampling, Shadow,
 };
 use crate::num::Level;
 use image::Target;
@@ -72,7 +73,7 @@ pub(super) struct Arguments {
     entry: Option<EntryName>,
     /// Of `midpoint` and `alpha`, without growth: places are mapped to the tubes' cylinders at every so many steps, and what they
     /// are mapped to is interpolated between [default: 1]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=16))]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u8>(1, 16), allow_negative_numbers = true)]
     map_every: Option<u8>,
     /// Of `midpoint` and `alpha`: which steps are evaluated. With `ray-boxes` and `sample-boxes` the first begins where a ray
     /// enters the first box, or that around all of them [default: bricks]
@@ -80,7 +81,7 @@ pub(super) struct Arguments {
     intervals: Option<IntervalsName>,
     /// Of `midpoint` and `alpha`, in place of --step: every ray takes so many steps of one length, from where it enters the box
     /// around everything to where it leaves it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = text::whole::<u32>(1, 1_000_000), allow_negative_numbers = true)]
     ray_steps: Option<u32>,
     /// Part of the light that may be left where a ray ends
     #[arg(long, value_name = "PART", value_parser = part, default_value_t = 1e-4, allow_hyphen_values = true)]
@@ -308,15 +309,15 @@ fn draw(
     let level = Level::best();
     let budget = budget(arguments)?;
     let mut clock = Clock { last: Instant::now(), first: Instant::now() };
-    let field;
+    let (mut field, mut scene) = (None, 0);
     let drawn = if is_file {
         Drawn::of_file(arguments, budget, global)?
     } else {
         let (compiled, view) = source::scene(arguments)?;
-        field = compiled;
         // Scenes of many segments take more than the program itself.
-        let scene = resident().saturating_sub(PROCESS);
-        Drawn::of_scene(arguments, &field, view, budget.saturating_sub(scene))?
+        scene = resident().saturating_sub(PROCESS);
+        let field = field.insert(compiled);
+        Drawn::of_scene(arguments, field, view, budget.saturating_sub(scene))?
     };
     let load = clock.lap();
     let view = &drawn.view;
@@ -345,6 +346,7 @@ fn draw(
         Some(Background(colour)) => colour,
         None => view.camera.background,
     };
+    has_room(arguments, &drawn.medium, &camera, &optics, quality, budget.saturating_sub(scene))?;
     let exposure = arguments.exposure.or(view.camera.exposure);
     let write = |film: &Film| target.write(film, background.map(Into::into), exposure, interrupt);
     let (mut coarse_time, mut first_picture) = (None, None);
@@ -452,6 +454,37 @@ fn budget(arguments: &Arguments) -> Result<u64, Failure> {
     })
 }
 
+/// Refuses a picture of a scene, or of voxels with lamps among them, for which so many bytes are too few. Those of voxels that
+/// suns light are counted before.
+fn has_room(
+    arguments: &Arguments,
+    medium: &Medium<'_>,
+    camera: &Camera,
+    optics: &Optics,
+    quality: Quality,
+    budget: u64,
+) -> Result<(), Failure> {
+    let is_counted = optics.lamps.iter().all(|lamp| matches!(lamp, Lamp::Sun { .. }));
+    let held = match medium {
+        Medium::Procedural(scene) => scene.memory(),
+        Medium::Baked(_) if is_counted => return Ok(()),
+        Medium::Baked(voxels) => voxels.memory(),
+    };
+    let need = held.saturating_add(Picture::memory(medium, camera, optics, quality));
+    if need <= budget {
+        return Ok(());
+    }
+    let all = need.saturating_add(arguments.options.budget().bytes().saturating_sub(budget));
+    let taken = text::bytes(all);
+    let failure = Failure::failed(format!("the picture takes {taken} of memory, and less may be used"))
+        .hint(format!("allow more with --memory {}", enough(all)));
+    Err(match (quality.integrator, quality.shadow) {
+        (Integrator::Single, Shadow::Cached(_)) if !optics.lamps.is_empty() => failure
+            .hint("shadows take most of it: a larger --shadow-step takes less, and --shadow exact takes time instead"),
+        _ => failure,
+    })
+}
+
 struct Clock {
     first: Instant,
     last: Instant,
@@ -508,8 +541,12 @@ fn stops(text: &str) -> Result<f64, String> {
 }
 
 fn step(text: &str) -> Result<f64, String> {
-    let step = text.parse().ok().filter(|step| (0.01..=8.0).contains(step));
-    step.ok_or_else(|| "expected a number of voxels from 0.01 to 8".to_owned())
+    voxels(text).map_err(|expected| format!("{expected}, and of a file 1, 2, 4 or 8"))
+}
+
+fn voxels(text: &str) -> Result<f64, String> {
+    let voxels = text.parse().ok().filter(|voxels| (0.01..=8.0).contains(voxels));
+    voxels.ok_or_else(|| "expected a number of voxels from 0.01 to 8".to_owned())
 }
 
 fn growth(text: &str) -> Result<f64, String> {

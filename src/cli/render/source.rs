@@ -8,14 +8,19 @@ use glam::DVec3;
 use super::Arguments;
 use crate::cli::grids::{Choice, choose};
 use crate::cli::job::{Compiled, Source, read_scene};
-use crate::cli::memory::{Amount, enough, unplanned, unread};
+use crate::cli::memory::{Amount, enough, unplanned_beside, unread};
 use crate::cli::{Failure, Global, embedded};
 use crate::field::{Field, Lattice};
 use crate::formats::vdb::{AnyTree, GridInfo, Meta, Metadata, VdbFile, VdbReadError};
 use crate::march::{Baked, BakedError, Grid, Meaning, Medium, Optics, Procedural};
 use crate::scene::{self, Scene};
-use crate::volume::{Sampled, Tree};
+use crate::volume::{PlanError, Sampled, Tree};
 
+/// Bytes that a scene's brick takes in a picture besides its plan, about, and its shadows.
+const BRICK: u64 = 256;
+/// Times what a file's grid takes that its bricks and their shadows do, about.
+const DRAWN: u64 = 2;
+const SHADOW: u64 = 1200;
 /// A level set's density changes over so many voxels.
 const SURFACE: f64 = 2.0;
 
@@ -74,7 +79,13 @@ impl<'a> Drawn<'a> {
         let lattice = view.lattice.unwrap_or(Lattice { voxel_size: 1.0 });
         let marching = arguments.marching()?;
         let procedural = Procedural::new(field, lattice, arguments.step.unwrap_or(1.0), budget);
-        let procedural = procedural.map_err(unplanned)?;
+        let procedural = procedural.map_err(|error| {
+            let besides = arguments.options.budget().bytes().saturating_sub(budget);
+            let lamps = if arguments.light.keeps_shadows() { view.optics.lamps.len() as u64 } else { 0 };
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            let bricks = if let PlanError::TooMany { bricks, .. } = error { bricks as u64 } else { 0 };
+            unplanned_beside(error, besides.saturating_add(bricks.saturating_mul(BRICK + SHADOW * lamps)))
+        })?;
         Ok(Drawn { medium: Medium::Procedural(procedural.with(marching)), view })
     }
 
@@ -87,7 +98,14 @@ impl<'a> Drawn<'a> {
         let (halvings, sampling) = (arguments.halvings()?, arguments.sampling()?);
         let path = &arguments.file;
         let besides = options.budget().bytes().saturating_sub(budget);
-        let failed = |error: VdbReadError| unread(path, error, besides);
+        // Where there is no room to read it, it is told what drawing takes, too, about: most leaves become a brick, beside them.
+        let failed = |error: VdbReadError| match &error {
+            VdbReadError::Memory { needed, .. } => {
+                let drawn = needed.saturating_mul(DRAWN);
+                unread(path, error, besides.saturating_add(drawn))
+            }
+            _ => unread(path, error, besides),
+        };
         let file = File::open(path).map_err(|error| Failure::unreadable(path, error))?;
         let mut file = VdbFile::open_within(file, budget).map_err(failed)?;
         let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;

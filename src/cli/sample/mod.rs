@@ -13,17 +13,25 @@ use serde::Serialize;
 use super::grids::{Choice, choose};
 use super::interrupt::Interrupt;
 use super::job::{Compiled, SceneOptions, Source};
+use super::memory::{self, PROGRAM, enough, resident, unplanned_beside};
 use super::output::{Output, save_with};
-use super::{Failure, Global, info, memory, print, text};
+use super::{Failure, Global, info, machine, print, text};
+use crate::field::Extent;
 use crate::formats::npy;
 use crate::formats::vdb::{PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::reference::Reference;
-use crate::volume::{self, Filter, Part, WorldToIndex};
+use crate::volume::{self, Filter, Part, Plan, WorldToIndex, planned_density_at};
+use points::Points;
 use values::Samples;
 
 /// Bytes of a grid that are read in the time that it takes to find out where a point's voxels are, about.
 const BYTES_A_POINT: u64 = 512;
+/// Bytes that a point takes: with its value in a scene, with a value of any type of a file's grid, and to know beforehand which
+/// of the grid's leaves are looked into.
+const OF_SCENE: u64 = 56;
+const OF_FILE: u64 = 96;
+const SOUGHT: u64 = 208;
 
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
@@ -88,6 +96,7 @@ struct Report<'a> {
     out_of_range: usize,
     /// Where the values were written.
     output: Option<String>,
+    peak_rss_bytes: Option<u64>,
     /// Null where they were written to a file.
     values: Option<&'a Samples>,
 }
@@ -119,9 +128,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     if let Some(path) = &arguments.output {
         Output::check(path)?;
     }
-    let points = points::read(&arguments.points)?;
-    let found =
-        pool.install(|| if is_file { of_file(arguments, &points) } else { of_scene(arguments, &points) })?;
+    let (points, found) = pool.install(|| if is_file { of_file(arguments) } else { of_scene(arguments) })?;
     if found.out_of_range > 0 {
         global.note(&format!(
             "{} of {} points are not finite or too far away; they have the background's value",
@@ -141,6 +148,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
         points: points.len(),
         out_of_range: found.out_of_range,
         output: arguments.output.as_ref().map(|path| path.display().to_string()),
+        peak_rss_bytes: machine::peak_memory(),
         values: arguments.output.is_none().then_some(&found.samples),
     };
     match &report.output {
@@ -183,38 +191,61 @@ fn form(path: &Path) -> Result<Form, Failure> {
     }
 }
 
-fn of_scene(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
+fn of_scene(arguments: &Arguments) -> Result<(Vec<DVec3>, Found), Failure> {
     let Compiled { scene, field, lattice, time, .. } =
         Source::read(&arguments.file, &arguments.scene)?.compile(arguments.scene.time())?;
+    let budget = arguments.scene.budget().bytes();
+    let program = PROGRAM.max(resident());
+    let Points { list: points, count } =
+        points::read(&arguments.points, budget.saturating_sub(program) / OF_SCENE)?;
+    let besides = program.saturating_add(count.saturating_mul(OF_SCENE));
+    let fits = || if besides > budget { Err(too_many(count, besides)) } else { Ok(()) };
     let (samples, method) = if arguments.exact {
+        fits()?;
         let reference = Reference::new(&scene, Some(lattice.voxel_size));
-        (Samples::by_reference(&reference, points), "reference")
+        (Samples::by_reference(&reference, &points), "reference")
     } else {
-        let budget = arguments.scene.budget().bytes();
-        let values =
-            volume::density_at(&field, lattice, points, Level::best(), budget).map_err(memory::unplanned)?;
+        let plan = Plan::for_extent(&field, lattice, Extent::Whole, budget.saturating_sub(besides))
+            .map_err(|error| unplanned_beside(error, besides))?;
+        fits()?;
+        let values = planned_density_at(&field, &plan, &points, Level::best());
         (Samples::numbers(npy::Values::F32(values)), "kernel")
     };
-    Ok(Found {
+    let found = Found {
         samples,
         grid: "density".to_owned(),
         method,
         time: Some(time),
         voxel_size: Some(lattice.voxel_size),
         out_of_range: points.iter().filter(|point| !point.is_finite()).count(),
-    })
+    };
+    Ok((points, found))
 }
 
-fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
+/// Of points that take so many bytes with the program.
+fn too_many(count: u64, bytes: u64) -> Failure {
+    let (points, bytes_shown) = (text::number(count, "point"), text::bytes(bytes));
+    Failure::failed(format!("sampling {points} takes {bytes_shown} of memory, and less may be used"))
+        .hint(format!("allow more with --memory {}", enough(bytes)))
+}
+
+fn of_file(arguments: &Arguments) -> Result<(Vec<DVec3>, Found), Failure> {
+    /// So many points have room in any case, so that it is known what they take of the file.
+    const ALWAYS: u64 = 1 << 13;
     let name = arguments.file.display();
-    let failed = |error: VdbReadError| memory::unread(&arguments.file, error, 0);
+    let budget = arguments.scene.budget().bytes();
+    let room = budget.saturating_sub(PROGRAM) / OF_FILE;
+    let Points { list: points, count } = points::read(&arguments.points, room.max(ALWAYS))?;
+    // Where few points are sought, they take more, each.
+    let besides = |each: u64| PROGRAM.saturating_add(count.saturating_mul(each));
+    let unread = |error: VdbReadError| memory::unread(&arguments.file, error, besides(OF_FILE + SOUGHT));
     let file = File::open(&arguments.file)
         .map_err(|error| Failure::input(format!("cannot read {name}")).because(error))?;
-    let mut file = VdbFile::open_within(file, arguments.scene.budget().bytes()).map_err(failed)?;
-    let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), failed)?;
+    let mut file = VdbFile::open_within(file, budget.saturating_sub(besides(OF_FILE))).map_err(unread)?;
+    let Choice { number, label } = choose(file.info(), arguments.grid.as_deref(), unread)?;
     let info = file.info().grids.get(number).ok_or_else(|| Failure::input("the file holds no grid"))?;
     let indices: Vec<DVec3> = if arguments.index {
-        points.to_vec()
+        points.clone()
     } else {
         let map = info.map.matrix.as_ref().and_then(WorldToIndex::new).ok_or_else(|| {
             let map = text::tidy(&info.map.type_name);
@@ -225,14 +256,19 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
     };
     let filter = arguments.filter.map_or(Filter::Trilinear, Filter::from);
     // Points are sought before the values are read, one by one; where they are many, to read all values takes less.
-    let few = (indices.len() as u64).saturating_mul(BYTES_A_POINT) < info.bytes;
-    let grid = if few {
+    let few = count.saturating_mul(BYTES_A_POINT) < info.bytes;
+    let besides = besides(if few { OF_FILE + SOUGHT } else { OF_FILE });
+    file = file.with_memory_limit(budget.saturating_sub(besides));
+    let grid = if few && count == points.len() as u64 {
         file.grid_part_at(number, &Part::of_points(filter, &indices))
     } else {
         file.grid_at(number).map(PartialGrid::from)
     };
-    let grid = grid.map_err(failed)?;
-    Ok(Found {
+    let grid = grid.map_err(|error| memory::unread(&arguments.file, error, besides))?;
+    if besides > budget {
+        return Err(too_many(count, besides));
+    }
+    let found = Found {
         samples: Samples::of_tree(&grid.tree, filter, &indices)
             .map_err(|error| Failure::failed("cannot sample the grid").because(error))?,
         grid: label,
@@ -244,7 +280,8 @@ fn of_file(arguments: &Arguments, points: &[DVec3]) -> Result<Found, Failure> {
         time: None,
         voxel_size: None,
         out_of_range: indices.iter().filter(|index| !volume::is_indexed(**index)).count(),
-    })
+    };
+    Ok((points, found))
 }
 
 /// Writes a file of values, whole or not at all.

@@ -16,7 +16,7 @@ use crate::field::Field;
 use crate::formats::vdb::{AnyPartialTree, AnyTree, PartialGrid, VdbFile, VdbReadError};
 use crate::num::Level;
 use crate::volume::{
-    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, Sampled, Slicing, Store, Value,
+    self, Axis, Brick, IN_FLIGHT, Leaf, Part, PartialTree, Plan, PlanError, Sampled, Slicing, Store, Value,
 };
 
 /// Bytes for reading leaves: what is read of a file at once, in a list that grows by doubling.
@@ -47,9 +47,17 @@ pub(in crate::cli) struct Sliced {
 }
 
 enum Values {
-    Scene { field: Box<Field>, plan: Box<Plan>, cutoff: f64 },
+    /// The plan is `None` where there is no room for it.
+    Scene {
+        field: Box<Field>,
+        plan: Option<Box<Plan>>,
+        cutoff: f64,
+    },
     Whole(AnyPartialTree),
-    File { file: Box<VdbFile<File>>, number: usize },
+    File {
+        file: Box<VdbFile<File>>,
+        number: usize,
+    },
 }
 
 /// Bytes that values take of the memory before they are pixels.
@@ -95,40 +103,53 @@ impl Sliced {
             Source::read(&arguments.file, options)?.compile(options.time())?;
         let h = lattice.voxel_size;
         let budget = options.budget().bytes().saturating_sub(PROCESS);
-        let plan = Plan::new(&field, lattice, budget).map_err(|error| unplanned_beside(error, PROCESS))?;
-        let axis = Axis::from(arguments.axis).number();
-        let mut layers = BTreeMap::new();
-        for origin in plan.origins() {
-            // Lists of bricks grow by doubling.
-            *layers.entry(origin[axis].div_euclid(8)).or_default() += 2 * size_of::<Brick>() as u64;
-        }
-        let in_flight = plan.bricks().min(IN_FLIGHT * rayon::current_num_threads());
-        let cost = Cost {
-            // A layer has a plan of its own.
-            bare: 2 * plan.memory() as u64,
-            whole: None,
-            layers,
-            working: 2 * (in_flight * size_of::<Brick>()) as u64,
-            pixel: size_of::<f32>() as u64,
-        };
-        #[allow(clippy::cast_possible_truncation, reason = "the plan has checked that indices fit")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "saturates where the plan finds that indices do not fit"
+        )]
         let bounds = field.bounds().map(|[lo, hi]| {
             let (first, last) = ((lo / h).floor(), (hi / h).ceil() - 1.0);
             [first, last.max(first)].map(|corner| corner.to_array().map(|i| i as i32))
         });
+        let slicing = slicing(arguments.axis.into(), bounds);
+        let axis = Axis::from(arguments.axis).number();
+        // Lists of bricks grow by doubling.
+        const LISTED: u64 = 2 * size_of::<Brick>() as u64;
+        let in_flight = |bricks: u64| LISTED * bricks.min((IN_FLIGHT * rayon::current_num_threads()) as u64);
+        let pixel = size_of::<f32>() as u64;
+        let (plan, cost) = match Plan::new(&field, lattice, budget) {
+            Ok(plan) => {
+                let mut layers = BTreeMap::new();
+                for origin in plan.origins() {
+                    *layers.entry(origin[axis].div_euclid(8)).or_default() += LISTED;
+                }
+                // A layer has a plan of its own.
+                let bare = 2 * plan.memory() as u64;
+                let working = in_flight(plan.bricks() as u64);
+                (Some(Box::new(plan)), Cost { bare, whole: None, layers, working, pixel })
+            }
+            // There is none to be sliced, but it can be told what all of it takes at most.
+            Err(PlanError::TooMany { bricks, enough: Some(enough) }) => {
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+                let bricks = bricks as u64;
+                let [across, above] = slicing.pixels().map(|edge| edge as u64 / 8 + 2);
+                let layer = LISTED.saturating_mul(bricks.min(across.saturating_mul(above)));
+                // To make a plan takes half as much again as it does.
+                let bare = (enough.bytes / 2).saturating_add(enough.bytes).max(budget.saturating_add(1));
+                let working = layer.saturating_add(in_flight(bricks));
+                (None, Cost { bare, whole: None, layers: BTreeMap::new(), working, pixel })
+            }
+            Err(error) => return Err(unplanned_beside(error, PROCESS)),
+        };
         Ok(Sliced {
-            slicing: slicing(arguments.axis.into(), bounds),
+            slicing,
             is_empty: bounds.is_none(),
             grid: "density".to_owned(),
             index_to_world: Some([[h, 0.0, 0.0, 0.5 * h], [0.0, h, 0.0, 0.5 * h], [0.0, 0.0, h, 0.5 * h]]),
             half: false,
             is_vector: false,
             time: Some(time),
-            values: Values::Scene {
-                field: Box::new(field),
-                plan: Box::new(plan),
-                cutoff: scene.bake().cutoff,
-            },
+            values: Values::Scene { field: Box::new(field), plan, cutoff: scene.bake().cutoff },
             cost,
         })
     }
@@ -189,6 +210,7 @@ impl Sliced {
     ) -> Result<Vec<Plane>, Failure> {
         match &mut self.values {
             Values::Scene { field, plan, cutoff } => {
+                let Some(plan) = plan else { return Err(too_much(self.cost.bare)) };
                 let ends = [slicing.index(planes.start), slicing.index(planes.end - 1)];
                 let slab = plan.slab(slicing.axis().number(), ends);
                 let mut store = Store::default();

@@ -423,7 +423,7 @@ impl Run<'_> {
         #[allow(clippy::cast_precision_loss, reason = "for a message")]
         let bricks = lot.plan.bricks() as f64;
         let baked = Baked::new(&tree, grid, Meaning::Density, self.effort.budget)
-            .map_err(|_| PlanError::TooMany { bricks, bytes: None })?;
+            .map_err(|_| PlanError::TooMany { bricks, enough: None })?;
         Ok(self.film(&Medium::Baked(baked), way, view, repeats))
     }
 

@@ -61,11 +61,11 @@ pub enum VdbReadError {
         type_name: String,
     },
     /// A grid takes more memory than it may.
-    #[error("grid {grid:?} takes at least {needed} bytes of memory, {limit} are allowed")]
+    #[error("grid {grid:?} takes {needed} bytes of memory, {limit} are allowed")]
     Memory {
         /// The grid's name.
         grid: String,
-        /// Bytes of its tree; where its nodes alone take too many, of those read until then.
+        /// Bytes of its tree, of which its leaves' values are those that were asked for.
         needed: u64,
         /// Bytes that it may take.
         limit: u64,

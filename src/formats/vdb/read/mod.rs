@@ -316,7 +316,8 @@ impl<R: Read + Seek> VdbFile<R> {
         Ok(match type_name {
             "Tree_bool_5_4_3" => {
                 let allowance = Allowance { grid, limit: self.memory_limit };
-                let (tree, _) = topology::read(&mut self.cursor, record.flags, record.half, allowance)?;
+                let most = part.map_or(usize::MAX, Part::most_leaves);
+                let (tree, _) = topology::read(&mut self.cursor, record.flags, record.half, allowance, most)?;
                 AnyTree::Bool(self.values(grid, tree, &Bits, part)?)
             }
             "Tree_int32_5_4_3" => AnyTree::Int32(self.tree_of(grid, record, part)?),
@@ -337,7 +338,8 @@ impl<R: Read + Seek> VdbFile<R> {
         part: Option<&Part>,
     ) -> Result<Tree<T>, VdbReadError> {
         let allowance = Allowance { grid, limit: self.memory_limit };
-        let (tree, layout) = topology::read(&mut self.cursor, record.flags, record.half, allowance)?;
+        let most = part.map_or(usize::MAX, Part::most_leaves);
+        let (tree, layout) = topology::read(&mut self.cursor, record.flags, record.half, allowance, most)?;
         self.values(grid, tree, &layout, part)
     }
 
@@ -373,7 +375,7 @@ impl<R: Read + Seek> VdbFile<R> {
             "Tree_bool_5_4_3" => {
                 let allowance = Allowance { grid: &info.name, limit: self.memory_limit };
                 let (tree, _) =
-                    topology::read::<bool, R>(&mut self.cursor, record.flags, record.half, allowance)?;
+                    topology::read::<bool, R>(&mut self.cursor, record.flags, record.half, allowance, 0)?;
                 leaves::skip(&mut self.cursor, &Bits, &tree.leaves)?;
             }
             "Tree_int32_5_4_3" => self.pass_of::<i32>(&info.name, record)?,
@@ -390,7 +392,8 @@ impl<R: Read + Seek> VdbFile<R> {
 
     fn pass_of<T: Stored>(&mut self, grid: &str, record: &Record) -> Result<(), VdbReadError> {
         let allowance = Allowance { grid, limit: self.memory_limit };
-        let (tree, layout) = topology::read::<T, R>(&mut self.cursor, record.flags, record.half, allowance)?;
+        let (tree, layout) =
+            topology::read::<T, R>(&mut self.cursor, record.flags, record.half, allowance, 0)?;
         leaves::skip(&mut self.cursor, &layout, &tree.leaves)
     }
 }

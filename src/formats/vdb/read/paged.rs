@@ -45,7 +45,7 @@ impl<R: Read + Seek> VdbFile<R> {
         }
         let allowance = Allowance { grid: &info.name, limit: self.memory_limit };
         let (mut tree, layout): (Tree<f32>, Layout<f32>) =
-            topology::read(&mut self.cursor, record.flags, record.half, allowance)?;
+            topology::read(&mut self.cursor, record.flags, record.half, allowance, 0)?;
         let slots = tree.leaf_count().saturating_mul(size_of::<u32>()) as u64;
         allowance.check(tree.memory_bytes_with(0).saturating_add(slots))?;
         let starts = places(&mut self.cursor, &layout, &tree.leaves, BATCH)?;

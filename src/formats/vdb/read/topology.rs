@@ -29,12 +29,14 @@ impl Allowance<'_> {
 }
 
 /// Reads a tree without its leaves' values, and how those are stored. Compressed nodes may take a hundred times as many
-/// bytes in memory as in the file, so what they take is checked after each of them.
+/// bytes in memory as in the file, so what they take is checked after each of them. From where they take too many on, none is
+/// kept, and all are counted, so that the error can tell what is enough: with the values of so many `leaves`, if there are.
 pub(super) fn read<T: Stored, R: Read + Seek>(
     cursor: &mut Cursor<R>,
     flags: u32,
     half: bool,
     allowance: Allowance<'_>,
+    leaves: usize,
 ) -> Result<(Tree<T>, Layout<T>), VdbReadError> {
     if cursor.number(i32::from_le_bytes)? != 1 {
         return Err(cursor.invalid("number of buffers"));
@@ -59,19 +61,26 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
         room(&mut tree.root_tiles, 1)?.push(tile);
     }
     let mut reader = Reader { cursor, layout, scratch: Scratch::default(), block: vec![], values: vec![] };
-    let mut taken = 0_u64;
+    let (mut taken, mut count, mut has_room) = (0_u64, 0_usize, true);
     for _ in 0..children {
         let origin = root_origin(reader.cursor)?;
         let upper = reader.node(origin, 32768, tree.lowers.len())?;
         taken = taken.saturating_add(upper.memory_bytes());
-        allowance.check(taken)?;
         for at in upper.children.ones() {
             let lower = reader.node(child_origin(origin, at, 2), 4096, tree.leaves.len())?;
             let leaves = lower.children.count();
             reader.cursor.require_all(leaves, 64)?;
             let list = leaves.saturating_mul(size_of::<Leaf>()) as u64;
             taken = taken.saturating_add(lower.memory_bytes()).saturating_add(list);
-            allowance.check(taken)?;
+            count = count.saturating_add(leaves);
+            if taken > allowance.limit {
+                has_room = false;
+                (tree.uppers, tree.lowers, tree.leaves) = (vec![], vec![], vec![]);
+            }
+            if !has_room {
+                reader.cursor.skip(leaves.saturating_mul(64) as u64)?;
+                continue;
+            }
             room(&mut tree.leaves, leaves)?;
             for at in lower.children.ones() {
                 let mut mask = [0; 8];
@@ -80,7 +89,14 @@ pub(super) fn read<T: Stored, R: Read + Seek>(
             }
             room(&mut tree.lowers, 1)?.push(lower);
         }
-        room(&mut tree.uppers, 1)?.push(upper);
+        if has_room {
+            room(&mut tree.uppers, 1)?.push(upper);
+        }
+    }
+    let slots = if leaves < count { size_of::<u32>().saturating_mul(count) } else { 0 };
+    let values = size_of::<[T; 512]>().saturating_mul(leaves.min(count)).saturating_add(slots);
+    if !has_room || taken > allowance.limit {
+        return allowance.check(taken.saturating_add(values as u64)).and(Err(no_memory()));
     }
     sort(&mut tree);
     let single = tree.uppers.is_sorted_by(|a, b| a.origin < b.origin)
