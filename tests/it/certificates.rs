@@ -123,7 +123,11 @@ fn verify_asks_for_what_it_needs() {
     bake(&folder, &[]);
     let output = folder.run(&["verify", "bent.vdb", "--bricks", "0"]);
     assert_eq!(code(&output), 2);
-    assert!(errors(&output).contains("a number of bricks of at least 1, or `all`"), "{}", errors(&output));
+    assert!(
+        errors(&output).contains("a whole number of bricks of at least 1, or `all`"),
+        "{}",
+        errors(&output)
+    );
     for (name, hint) in [
         ("bnet.vdb", "hint: there is a file bent.vdb"),
         ("nowhere/bent.vdb", "hint: there is no folder nowhere"),

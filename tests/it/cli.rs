@@ -447,10 +447,10 @@ fn over_budget_names_a_voxel_size_that_fits() {
     folder.put("bent.vdb", "an earlier file");
     for size in ["0.004", "0.0001", "1e-6"] {
         let output =
-            folder.run(&["bake", "bent.toml", "--memory", "16MiB", "--threads", "2", "--voxel-size", size]);
+            folder.run(&["bake", "bent.toml", "--memory", "18MiB", "--threads", "2", "--voxel-size", size]);
         let message = errors(&output);
         assert_eq!(code(&output), 1, "{message}");
-        assert!(message.contains("bricks") && message.contains("16.0 MiB"), "{message}");
+        assert!(message.contains("bricks") && message.contains("18.0 MiB"), "{message}");
         assert_eq!(folder.get("bent.vdb"), b"an earlier file");
 
         let (_, rest) = message.split_once("--voxel-size ").unwrap_or_else(|| panic!("{message}"));
@@ -459,7 +459,7 @@ fn over_budget_names_a_voxel_size_that_fits() {
             "bake",
             "bent.toml",
             "--memory",
-            "16MiB",
+            "18MiB",
             "--threads",
             "2",
             "--voxel-size",
