@@ -470,11 +470,11 @@ impl Job {
 
     /// A voxel size that may fit the memory where `voxel_size` needs so many bytes.
     fn coarser(&self, voxel_size: f64, need: f64) -> Option<f64> {
-        let process = self.process();
-        let left = self.budget.bytes().checked_sub(process).filter(|&left| left > 0)?;
+        let fixed = self.process() + VdbGridBuilder::<f32>::LEAST_MEMORY;
+        let left = self.budget.bytes().checked_sub(fixed).filter(|&left| left > 0)?;
         // Bricks grow with the voxel's inverse cube at most, so the cube root never goes far beyond what fits.
         #[allow(clippy::cast_precision_loss, reason = "a search tried out at every step")]
-        Some(voxel_size * libm::cbrt((need - process as f64) / left as f64).max(1.02))
+        Some(voxel_size * libm::cbrt((need - fixed as f64) / left as f64).max(1.04))
     }
 
     /// The file around the grid. `content` is the hash of all values, in hexadecimal.

@@ -13,6 +13,8 @@ pub struct Capsule {
     pub(crate) tube: u32,
     /// Index of the segment; of the point, for points.
     pub(crate) part: u32,
+    /// Index of the segment's span that the interval lies in.
+    pub(crate) span: u32,
     /// Interval of t; empty for points.
     pub(crate) t: [f64; 2],
     pub(crate) radius: f64,
@@ -54,13 +56,14 @@ impl Field {
             let index = u32::try_from(index).ok()?;
             for (part, spans) in tube.spans.iter().enumerate() {
                 let part = u32::try_from(part).ok()?;
-                for span in spans {
-                    cover(tube, index, part, span.core, lattice.voxel_size, visit)?;
+                for (number, span) in spans.iter().enumerate() {
+                    let place = [index, part, u32::try_from(number).ok()?];
+                    cover(tube, place, span.core, lattice.voxel_size, visit)?;
                 }
             }
             for (part, point) in tube.points.iter().enumerate() {
                 let (part, radius) = (u32::try_from(part).ok()?, point.section.radius);
-                visit(Capsule { tube: index, part, t: [0.0; 2], radius, is_point: true })?;
+                visit(Capsule { tube: index, part, span: 0, t: [0.0; 2], radius, is_point: true })?;
             }
         }
         Some(())
@@ -86,26 +89,25 @@ impl Field {
     }
 }
 
-/// Halves the interval until a piece is one to two and a half blocks long.
+/// Halves the interval until a piece is one to two and a half blocks long. `place` are the indices of tube, segment and span.
 fn cover(
     tube: &Tube,
-    index: u32,
-    part: u32,
+    place: [u32; 3],
     t: [f64; 2],
     h: f64,
     visit: &mut impl FnMut(Capsule) -> Option<()>,
 ) -> Option<()> {
-    let segment = part as usize;
-    let arc = t.map(|t| tube.curve.arc_length(segment, t));
+    let [index, part, span] = place;
+    let arc = t.map(|t| tube.curve.arc_length(part as usize, t));
     let middle = 0.5 * (t[0] + t[1]);
     #[allow(clippy::cast_precision_loss, reason = "eight")]
     if arc[1] - arc[0] > 2.5 * EDGE as f64 * h && middle > t[0] && middle < t[1] {
-        cover(tube, index, part, [t[0], middle], h, visit)?;
-        return cover(tube, index, part, [middle, t[1]], h, visit);
+        cover(tube, place, [t[0], middle], h, visit)?;
+        return cover(tube, place, [middle, t[1]], h, visit);
     }
     let x = arc.map(|s| s / tube.curve.length());
     let [_, radius] = tube.radius.range(x);
-    visit(Capsule { tube: index, part, t, radius, is_point: false })
+    visit(Capsule { tube: index, part, span, t, radius, is_point: false })
 }
 
 /// Bounds of a segment's derivatives over an interval.

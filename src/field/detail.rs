@@ -21,8 +21,8 @@ const SURE: f64 = 2e-4;
 /// A piece of a tube's axis in a block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
-    /// Interval of the arc length, metres.
-    pub(super) s: [f64; 2],
+    /// Bounds of the tube's radius, metres, both above 0.
+    pub(super) radius: [f64; 2],
     /// The arc length that heights are taken from.
     pub(super) origin: f64,
     /// Bounds of how far its voxels are from the axis, metres: the lower may be negative.
@@ -91,7 +91,7 @@ impl Place {
         let rates = Rates::new(tube, sum, h);
         let band = match (self.octave_fade, space) {
             (false, _) => [0.0; 2],
-            (true, Space::Cylinder) => rates.band(tube, self.s, self.away, h),
+            (true, Space::Cylinder) => rates.band(self.radius, self.away, h),
             (true, Space::World) => [square_in_world(sum, h); 2],
         };
         let start = region.octaves.len();
@@ -213,10 +213,8 @@ impl Rates {
         }
     }
 
-    /// Bounds of the square of cells per voxel over the arc lengths `s`, at the distances `away` from the axis.
-    pub(super) fn band(&self, tube: &Tube, s: [f64; 2], away: [f64; 2], h: f64) -> [f64; 2] {
-        let x = s.map(|s| s / tube.curve.length());
-        let [least, most] = tube.radius.range(x);
+    /// Bounds of the square of cells per voxel where the radius is from `least` to `most`, at the distances `away` from the axis.
+    pub(super) fn band(&self, [least, most]: [f64; 2], away: [f64; 2], h: f64) -> [f64; 2] {
         // Of the radius at most, where the tube ends.
         let out = [(away[0] / most).clamp(0.0, 1.0), (away[1] / least).min(1.0)];
         [

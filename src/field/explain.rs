@@ -99,7 +99,7 @@ impl Field {
         }
         let coarsest = match space {
             Space::Cylinder => {
-                Rates::new(tube, sum, h).band(tube, [0.0, tube.curve.length()], [0.0, f64::INFINITY], h)[0]
+                Rates::new(tube, sum, h).band(tube.radius.range([0.0, 1.0]), [0.0, f64::INFINITY], h)[0]
             }
             Space::World => square_in_world(sum, h),
         };

@@ -8,7 +8,7 @@ use super::cover::{Capsule, Reach, support};
 use super::detail::Place;
 use super::near::{Near, SLACK};
 use super::region::{self, FOOT, Part, Piece, ROWS, Region, SECOND, Search, Twist, U, V, round};
-use super::span::Span;
+use super::span::{LEAST_RADIUS, Span};
 use super::tube::{CORNER, PointKind, Tube};
 use super::{EDGE, Extent, Field, Lattice};
 use crate::curve::Segment;
@@ -37,8 +37,10 @@ const PAST: f64 = 0.01;
 /// and no distance need be least; as the axis moves away from there by the square of this, no foot is lost.
 const STANDING: f64 = 1e-4;
 
-/// A bracket this short, beside the interval that it was sought in, is short enough.
-const ENOUGH: f64 = 0.01;
+/// How far an interval may reach past the feet on it, beside the interval that they were sought in.
+const ENOUGH: f64 = 0.02;
+/// Newton steps towards that, at most.
+const CLOSER: usize = 4;
 
 /// What cubics may change of u and v, in radii and so half of what a span's polynomials do; of the height, in tens of voxels;
 /// of radius and gain, relative to them.
@@ -55,8 +57,12 @@ const ROUNDING: f64 = 3e-7;
 pub(crate) struct Interval {
     t: [f64; 2],
     radius: f64,
+    /// Index of a span that does not begin behind it.
+    span: usize,
     /// Holds at most one foot of every voxel of the block.
     certified: bool,
+    /// A lower bound of g' on it, of voxels within the radius.
+    slope: f64,
 }
 
 /// The block in world space.
@@ -158,7 +164,13 @@ impl Field {
 
     fn interval<T: Scalar>(&self, tube: &Tube, capsule: &Capsule, block: Block, region: &mut Region<T>) {
         let segment = &tube.curve.segments()[capsule.part as usize];
-        let whole = Interval { t: capsule.t, radius: capsule.radius, certified: false };
+        let whole = Interval {
+            t: capsule.t,
+            radius: capsule.radius,
+            span: capsule.span as usize,
+            certified: false,
+            slope: 0.0,
+        };
         let mut found = std::mem::take(&mut region.intervals);
         found.clear();
         refine(segment, whole, block, 0, &mut found);
@@ -185,10 +197,9 @@ impl Field {
     ) {
         let spans = &tube.spans[segment];
         let middle = 0.5 * (interval.t[0] + interval.t[1]);
-        let first =
-            spans.partition_point(|span| span.core[1] <= interval.t[0]).min(spans.len().saturating_sub(1));
         let holds = |span: &&Span| span.fit[0] <= interval.t[0] && interval.t[1] <= span.fit[1];
-        let near = spans[first..].iter().take_while(|span| span.core[0] <= interval.t[1]);
+        let near = spans[interval.span..].iter().skip_while(|span| span.core[1] <= interval.t[0]);
+        let near = near.take_while(|span| span.core[0] <= interval.t[1]);
         let distance = |span: &Span| (span.middle - middle).abs();
         if let Some(span) = near.clone().filter(holds).min_by(|a, b| distance(a).total_cmp(&distance(b))) {
             self.piece(tube, segment, span, interval, block, region);
@@ -321,7 +332,15 @@ impl Field {
             // The foot need not be the nearest place of the piece.
             away[1] += strays;
         }
-        let place = Place { s, origin: arc_middle, away, block, octave_fade: self.octave_fade };
+        // And how the radius varies there.
+        let varies = 1.05 * radius[1..].iter().map(|r| r.abs()).sum::<f64>();
+        let place = Place {
+            radius: [(radius[0] - varies).max(LEAST_RADIUS * radius[0]), radius[0] + varies].map(|r| r * h),
+            origin: arc_middle,
+            away,
+            block,
+            octave_fade: self.octave_fade,
+        };
         let (layers, [fades, in_world]) = place.layers(tube, region);
         region.parts.push(Part {
             arc: arc_middle,
@@ -415,8 +434,13 @@ impl Field {
             base[U + 1 + k] = value;
         }
         let away = block.distances(section.centre);
-        let place =
-            Place { s: [section.arc; 2], origin: section.arc, away, block, octave_fade: self.octave_fade };
+        let place = Place {
+            radius: [section.radius; 2],
+            origin: section.arc,
+            away,
+            block,
+            octave_fade: self.octave_fade,
+        };
         let (layers, [fades, in_world]) = place.layers(tube, region);
         region.parts.push(Part { arc: section.arc, ends: None, certified: true });
         let gain = (section.gain != 1.0).then(|| {
@@ -544,15 +568,17 @@ fn refine(segment: &Segment, interval: Interval, block: Block, depth: u32, found
     if g > reach.half * reach.slope(distance) * (1.0 + 1e-9) {
         return;
     }
-    let certified = least_slope(&reach, block, distance) > CERTAIN * reach.speed * reach.speed;
+    let slope = least_slope(&reach, block, distance);
+    let certified = slope > CERTAIN * reach.speed * reach.speed;
     let middle = 0.5 * (interval.t[0] + interval.t[1]);
     let is_short = reach.half * reach.speed < 0.5 * SHORTEST * block.h || depth >= DEPTH;
     if certified || is_short {
         match found.last_mut() {
             Some(last) if certified && last.certified && last.t[1] == interval.t[0] => {
                 last.t[1] = interval.t[1];
+                last.slope = last.slope.min(slope);
             }
-            _ => found.push(Interval { certified, ..interval }),
+            _ => found.push(Interval { certified, slope, ..interval }),
         }
         return;
     }
@@ -610,7 +636,9 @@ impl Bounds {
 /// Shortens a certified interval to the feet of the block's voxels; `None` where it holds none.
 ///
 /// Every `g_p(t) = (C(t) - p) . C'(t)` increases on the interval, and so do the largest and the smallest of them over
-/// the block, `g_o(t) +- half_edge support(C'(t))`: their zeros bound the feet.
+/// the block, `g_o(t) +- half_edge support(C'(t))`: their zeros bound the feet. Where the largest is `v` at some t, no foot
+/// lies before `t - v / m`, with m the least slope of all g_p, nor before t where v is below 0; the smallest bounds them from
+/// behind.
 fn clip(segment: &Segment, interval: Interval, block: Block) -> Option<Interval> {
     let bounds = |t: f64| {
         let d1 = segment.d1(t);
@@ -623,40 +651,30 @@ fn clip(segment: &Segment, interval: Interval, block: Block) -> Option<Interval>
         return None;
     }
     let [low, high] = interval.t;
-    let start = if greatest[0] >= 0.0 { low } else { bisect(interval.t, greatest, |t| bounds(t)[1])[0] };
-    let end = if least[1] <= 0.0 { high } else { bisect(interval.t, least, |t| bounds(t)[0])[1] };
-    // A guard against the bounds' own rounding.
-    let guard = 1e-3 * (end - start) + 1e-12 * (high - low);
-    Some(Interval { t: [(start - guard).max(low), (end + guard).min(high)], ..interval })
-}
-
-/// A short bracket of the zero of a function that rises between two places from one value, negative, to another.
-fn bisect(
-    [mut low, mut high]: [f64; 2],
-    [mut at_low, mut at_high]: [f64; 2],
-    value: impl Fn(f64) -> f64,
-) -> [f64; 2] {
-    let mut last = 0;
-    let enough = ENOUGH * (high - low);
-    // Regula falsi with the Illinois rule. Any bracket is a valid, if longer, answer, so few rounds will do.
-    for _ in 0..8 {
-        if high - low < enough {
-            break;
+    let length = high - low;
+    let nearest = |side: usize, at: [f64; 2]| {
+        let pace = length / (at[1] - at[0]);
+        let mut t = low - at[0] * pace;
+        let mut value = bounds(t)[side];
+        for _ in 1..CLOSER {
+            if value.abs() <= ENOUGH * length * interval.slope {
+                break;
+            }
+            t = (t - value * pace).clamp(low, high);
+            value = bounds(t)[side];
         }
-        let t = (low * at_high - high * at_low) / (at_high - at_low);
-        if !(t > low && t < high) {
-            break;
-        }
-        let at = value(t);
-        let side = if at <= 0.0 { -1 } else { 1 };
-        if side < 0 {
-            (low, at_low) = (t, at);
-            at_high *= if last == side { 0.5 } else { 1.0 };
-        } else {
-            (high, at_high) = (t, at);
-            at_low *= if last == side { 0.5 } else { 1.0 };
-        }
-        last = side;
+        [t, value / interval.slope]
+    };
+    let (mut start, mut end) = (low, high);
+    if greatest[0] < 0.0 {
+        let [t, ahead] = nearest(1, greatest);
+        start = t - ahead.max(0.0);
     }
-    [low, high]
+    if least[1] > 0.0 {
+        let [t, ahead] = nearest(0, least);
+        end = t - ahead.min(0.0);
+    }
+    // A guard against the bounds' own rounding.
+    let guard = 1e-3 * (end - start) + 1e-12 * length;
+    Some(Interval { t: [(start - guard).max(low), (end + guard).min(high)], ..interval })
 }

@@ -245,14 +245,15 @@ impl Field {
         region.sums.clear();
         region.octaves.clear();
         let block = Block { centre: slice.centre, h: lattice.voxel_size, half_edge: 0.0 };
+        let tube = &self.tubes[slice.tube];
         let place = Place {
-            s: [slice.arc; 2],
+            radius: tube.radius.range([slice.arc / tube.curve.length(); 2]),
             origin: slice.arc,
             away: [0.0, f64::INFINITY],
             block,
             octave_fade: self.octave_fade,
         };
-        place.layers(&self.tubes[slice.tube], region);
+        place.layers(tube, region);
     }
 }
 
