@@ -90,8 +90,7 @@ pub(super) fn layers<R: Real>(
 ) {
     let layers = &region.layers[start..end];
     fade::<R>(token, region, layers, scratch, packed);
-    fill::<R>(R::constant(token, 1.0), &mut scratch.value, packed);
-    for layer in layers {
+    for (index, layer) in layers.iter().enumerate() {
         match &layer.kind {
             LayerKind::Constant(constant) => {
                 fill::<R>(R::splat(token, *constant), &mut scratch.pattern, packed);
@@ -109,13 +108,7 @@ pub(super) fn layers<R: Real>(
                 }
             }
         }
-        join::<R>(token, layer, scratch, packed);
-    }
-    let mut first = 0;
-    while first < packed {
-        let weight = R::load(token, scratch.weight.part(first));
-        (R::load(token, scratch.value.part(first)) * weight).store(scratch.weight.part_mut(first));
-        first += R::LANES;
+        join::<R>(token, layer, [index == 0, index + 1 == layers.len()], scratch, packed);
     }
 }
 
@@ -140,12 +133,19 @@ fn sectors<R: Real>(token: R::Token, scratch: &mut Scratch<R::Scalar>, packed: u
     }
 }
 
-/// Joins a layer's pattern to the value of the layers before it.
+/// Joins a layer's pattern to the value of the layers before it, which is 1 before the first; the last meets the envelope.
 #[inline(always)]
-fn join<R: Real>(token: R::Token, layer: &Layer<R::Scalar>, scratch: &mut Scratch<R::Scalar>, packed: usize) {
+fn join<R: Real>(
+    token: R::Token,
+    layer: &Layer<R::Scalar>,
+    [is_first, is_last]: [bool; 2],
+    scratch: &mut Scratch<R::Scalar>,
+    packed: usize,
+) {
     let mut first = 0;
     while first < packed {
-        let value = R::load(token, scratch.value.part(first));
+        let value =
+            if is_first { R::constant(token, 1.0) } else { R::load(token, scratch.value.part(first)) };
         let mut term = R::load(token, scratch.pattern.part(first));
         if let Some(threshold) = layer.threshold {
             term = (term - R::splat(token, threshold)).most(R::constant(token, 0.0));
@@ -157,7 +157,12 @@ fn join<R: Real>(token: R::Token, layer: &Layer<R::Scalar>, scratch: &mut Scratc
             Op::Max => value.most(term),
             Op::Min => value.least(term),
         };
-        joined.store(scratch.value.part_mut(first));
+        if is_last {
+            let weight = R::load(token, scratch.weight.part(first));
+            (joined * weight).store(scratch.weight.part_mut(first));
+        } else {
+            joined.store(scratch.value.part_mut(first));
+        }
         first += R::LANES;
     }
 }
