@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     let interrupt = Interrupt::listen()?;
     check(form, &arguments.output)?;
     let pool = global.pool()?;
-    has_room(&arguments.options)?;
+    has_room(arguments)?;
     let files = pool.install(|| {
         let Compiled { scene, lattice, .. } =
             Source::read(&arguments.scene, &arguments.options)?.compile(arguments.options.time())?;
@@ -107,15 +107,26 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<(), Failure>
     global.show(&report, |report| human(report, &arguments.output))
 }
 
-/// Bytes that a report takes at least: with 41 MiB none was finished, and with 80 MiB those of the shipped scenes begin.
-const LEAST: u64 = 72 << 20;
+/// Bytes that a report takes at least, whatever its pictures: 77 to 83 MiB were measured.
+const LEAST: u64 = 88 << 20;
+/// Bytes that it takes besides pictures, and for each of their pixels: 190 MiB of 960 x 540 pixels were measured, and 712 MiB of
+/// 1920 x 1080.
+const BESIDES: u64 = 52 << 20;
+const PIXEL: u64 = 340;
+/// And the same of points: 148 MiB of 2 million.
+const BESIDES_POINTS: u64 = 40 << 20;
+const POINT: u64 = 64;
 
 /// Refuses to begin where the process may have less than pictures, plots and the page take.
-fn has_room(options: &SceneOptions) -> Result<(), Failure> {
-    match options.limit() {
-        Some(limit) if limit < LEAST => {
+fn has_room(arguments: &Arguments) -> Result<(), Failure> {
+    let [width, height] = arguments.size.map(|edge| edge as u64);
+    let pictures = BESIDES + PIXEL * width * height;
+    let points = BESIDES_POINTS + POINT * u64::from(arguments.points);
+    let least = LEAST.max(pictures).max(points);
+    match arguments.options.limit() {
+        Some(limit) if limit < least => {
             let failure = Failure::failed("a report takes more memory than this process may have");
-            Err(failure.hint(format!("allow more with --memory {}", enough(LEAST))))
+            Err(failure.hint(format!("allow more with --memory {}", enough(least))))
         }
         _ => Ok(()),
     }

@@ -204,6 +204,16 @@ fn what_cannot_be_reported_is_refused() {
     ] {
         assert_eq!(code(&run(arguments)), 2, "{arguments:?}");
     }
+    // Pictures and points take more than the least, as much as was measured at the least.
+    for (asked, measured) in [
+        (["--size", "960x540"], "190MiB"),
+        (["--size", "1920x1080"], "711MiB"),
+        (["--points", "2000000"], "147MiB"),
+    ] {
+        let output = run(&[&["-o", "out.json", "--memory", measured][..], &asked].concat());
+        assert_eq!(code(&output), 1, "{asked:?}");
+        assert!(errors(&output).contains("allow more with --memory"), "{}", errors(&output));
+    }
     let fine = run(&["-o", "out.json", "--voxel-size", "1e-5", "--memory", "128MiB", "--quiet"]);
     assert_eq!(code(&fine), 1);
     assert!(errors(&fine).contains("take a larger --voxel-size"), "{}", errors(&fine));
