@@ -11,7 +11,7 @@ use crate::num::{Real, Scalar};
 const HALF_ROW: f64 = 3.5;
 /// How far past its bounds a voxel must be to be left out, in voxels and relative to its distance: well beyond what single
 /// precision makes of a foot's place, here and in the search.
-pub(super) const SLACK: f64 = 0.01;
+pub(super) const SLACK: f64 = 0.002;
 const RELATIVE: f64 = 1e-5;
 
 /// Bounds of the voxels that have feet on a piece, or a point. Lengths are in voxels and positions from the block's centre.
@@ -45,8 +45,9 @@ impl<T: Scalar> Near<T> {
         // Across the line the piece lies between 0 and most^2 times `bend`, give or take most^3 `third`.
         let strays = (0.5 * most * bend.length() + most * most * third.length()) * most;
         let [level, slope] = [radius[0], radius[1]];
-        let varies: f64 =
-            radius[2..].iter().map(|r| r.abs()).sum::<f64>() * (1.0 + 6.0 * (most - 1.0).max(0.0));
+        // Even powers add nothing where they take away from the radius.
+        let varies = radius[2].max(0.0) + radius[3].abs() + radius[4].max(0.0) + radius[5].abs();
+        let varies = varies * (1.0 + 6.0 * (most - 1.0).max(0.0));
         let largest = level + slope.abs() * most + varies;
         let centre = q[0] + bend * (0.5 * most * most);
         let mut near = Near::line(centre, along, largest + strays);

@@ -4,6 +4,7 @@
 
 use vdbake::field::kernel::{Counts, Places, Scratch, evaluate};
 use vdbake::field::{EDGE, Field, Lattice, Region, VOXELS};
+use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::scene::Scene;
 use vdbake::volume::Plan;
 
@@ -46,6 +47,56 @@ fn rows_that_are_left_out_hold_nothing() {
                 // The two add the same numbers in another order; the envelope is hard, so a voxel lost would be 1 off.
                 for (a, b) in rows.iter().zip(all) {
                     assert!((a - b).abs() < 1e-6, "{tube}, brick {brick}: {a}, not {b}");
+                }
+            }
+        }
+    }
+    assert!(left_out > 100_000, "{left_out} lanes");
+}
+
+struct Single<'a> {
+    region: &'a Region<f32>,
+    places: Places<'a, f32>,
+    values: &'a mut [f32; VOXELS],
+}
+
+impl WithLevel for Single<'_> {
+    type Output = Counts;
+
+    #[inline(always)]
+    fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> Counts {
+        evaluate::<R>(token, self.region, self.places, &mut Scratch::default(), self.values)
+    }
+}
+
+/// The same in single precision, whose rounding the rows' bounds leave room for.
+#[test]
+fn rows_that_are_left_out_hold_nothing_in_single_precision() {
+    let points: [[f32; VOXELS]; 3] =
+        [64, 8, 1].map(|step| std::array::from_fn(|voxel| (voxel / step % EDGE) as f32 - 3.5));
+    let mut left_out = 0;
+    for tube in TUBES {
+        for voxel_size in [0.05, 0.011, 0.002] {
+            let text = format!("[[tube]]\n{tube}\nenvelope = {{ radial = \"linear\" }}\n");
+            let scene = Scene::parse(&text, "near.toml").unwrap_or_else(|errors| panic!("{errors}"));
+            let lattice = Lattice { voxel_size };
+            let mut field = Field::compile(&scene);
+            field.widen(lattice);
+            let plan = Plan::new(&field, lattice, u64::MAX).expect("a plan");
+            let mut region = Region::<f32>::default();
+            for brick in (0..plan.bricks()).step_by(plan.bricks().div_ceil(4000)) {
+                plan.narrow(&field, brick, &mut region);
+                let (mut rows, mut all) = ([0.0; VOXELS], [0.0; VOXELS]);
+                let given = points.each_ref().map(|axis| &axis[..]);
+                let single =
+                    |places, values| with_level(Level::best(), Single { region: &region, places, values });
+                let counted = single(Places::Centres, &mut rows);
+                let truth = single(Places::Points(given), &mut all);
+                left_out += truth.searched - counted.searched;
+                for (a, b) in rows.iter().zip(all) {
+                    // Rounding in another order: up to 9e-7. A voxel lost a thousandth of its edge below the surface is as far
+                    // off in the widest of these tubes, of 300 voxels, and a hundred times farther in the thinnest.
+                    assert!((a - b).abs() < 2e-6, "{tube}, brick {brick}: {a}, not {b}");
                 }
             }
         }
