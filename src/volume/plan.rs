@@ -112,8 +112,10 @@ const BYTES: usize = size_of::<Contact>() + size_of::<Candidate>() + size_of::<P
 const PLACE: usize = size_of::<usize>() + size_of::<&mut [Contact]>();
 /// Bricks are sought where as many as are expected take no more than this many times the budget.
 const LET_PASS: f64 = 2.0;
-/// Capsules that one task looks at.
+/// Capsules that one task looks at, at most, and tasks that there are at least where there are capsules for them: wide capsules
+/// reach many times the bricks of thin ones.
 const CAPSULES: usize = 16;
+const TASKS: usize = 64;
 /// Bricks along an edge of a root node, as a power of two.
 const ROOT: u32 = 9;
 
@@ -472,7 +474,7 @@ struct Census {
 impl Census {
     fn new(field: &Field, lattice: Lattice, cover: &[Capsule], reach: Extent, root: [i64; 3]) -> Census {
         let parts: Vec<(Vec<usize>, Vec<u64>)> = cover
-            .par_chunks(CAPSULES)
+            .par_chunks((cover.len() / TASKS).clamp(1, CAPSULES))
             .map(|capsules| {
                 let (mut counts, mut nodes) = (Vec::with_capacity(CAPSULES), Vec::new());
                 for capsule in capsules {
