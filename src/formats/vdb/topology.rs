@@ -249,7 +249,8 @@ impl<T: Voxel> Nodes<'_, T> {
             write_value(out, encoder.round(tile.value))?;
             out.write_all(&[1])?;
         }
-        let mut node = Node { children: vec![], active: vec![], values: vec![], block: vec![] };
+        let mut node =
+            Node { children: vec![], active: vec![], values: vec![], block: vec![], blank: [vec![], vec![]] };
         for upper in &self.uppers {
             let lowers = &self.lowers[upper.lowers.clone()];
             write_origin(out, upper.origin)?;
@@ -258,11 +259,11 @@ impl<T: Voxel> Nodes<'_, T> {
                 lowers.iter().map(|lower| lower.origin),
                 of_edge(&self.tiles[upper.tiles.clone()], LOG2_EDGE[1]),
             );
-            node.write(encoder, out)?;
+            node.write(2, encoder, out)?;
             for lower in lowers {
                 let leaves = &self.leaves[lower.leaves.clone()];
                 node.set(1, leaves.iter().map(|leaf| leaf.origin), self.tiles[lower.tiles.clone()].iter());
-                node.write(encoder, out)?;
+                node.write(1, encoder, out)?;
                 for leaf in leaves {
                     out.write_all(leaf.mask.map(u64::to_le_bytes).as_flattened())?;
                 }
@@ -278,6 +279,8 @@ struct Node<T> {
     active: Vec<u64>,
     values: Vec<T>,
     block: Vec<u8>,
+    /// The blocks of lower and of upper nodes without tiles, once one was encoded: they are all alike, and most nodes have none.
+    blank: [Vec<u8>; 2],
 }
 
 impl<T: Voxel> Node<T> {
@@ -313,12 +316,16 @@ impl<T: Voxel> Node<T> {
         }
     }
 
-    fn write(&mut self, encoder: Encoder, out: &mut impl Write) -> io::Result<()> {
+    fn write(&mut self, level: usize, encoder: Encoder, out: &mut impl Write) -> io::Result<()> {
         write_mask(out, &self.children)?;
         write_mask(out, &self.active)?;
-        self.block.clear();
-        encoder.encode_block(&self.active, &self.values, &mut self.block);
-        out.write_all(&self.block)
+        let is_blank = self.active.iter().all(|word| *word == 0);
+        let block = if is_blank { &mut self.blank[level - 1] } else { &mut self.block };
+        if !is_blank || block.is_empty() {
+            block.clear();
+            encoder.encode_block(&self.active, &self.values, block);
+        }
+        out.write_all(block)
     }
 }
 
