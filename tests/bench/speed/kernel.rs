@@ -99,15 +99,14 @@ fn measure(scene: &Scene, resolution: f64, octaves: u32) -> Row {
     let mut region = Region::<f32>::default();
     for _ in 0..ROUNDS {
         let before = bare_noise(octaves);
-        let mut evaluate = 0.0;
-        let mut last = None;
-        for _ in 0..repeats {
-            let Ok((found, phases)) =
-                pool.install(|| bake(&field, &plan, 0.0, Level::best(), &mut Discard, |_| ()));
-            evaluate += phases.evaluate / repeats as f64;
-            last = Some(found);
-        }
-        let found = last.expect("at least one");
+        let bakes: Vec<_> = (0..repeats)
+            .map(|_| {
+                let Ok(bake) = pool.install(|| bake(&field, &plan, 0.0, Level::best(), &mut Discard, |_| ()));
+                bake
+            })
+            .collect();
+        let evaluate = bakes.iter().map(|(_, phases)| phases.evaluate).sum::<f64>() / repeats as f64;
+        let found = &bakes[0].0;
         whole.push(evaluate * 1e9 / found.inside_voxels as f64);
         bare.push(0.5 * (before + bare_noise(octaves)));
         let started = ThreadTime::now();
@@ -118,7 +117,7 @@ fn measure(scene: &Scene, resolution: f64, octaves: u32) -> Row {
         if !is_sample {
             mass.push(pool.install(|| {
                 let started = ThreadTime::now();
-                std::hint::black_box(RestMass::beside(&field, scene, lattice, &found, Level::best()));
+                std::hint::black_box(RestMass::beside(&field, scene, lattice, found, Level::best()));
                 started.elapsed().as_secs_f64() / evaluate
             }));
         }
