@@ -200,9 +200,10 @@ impl Need {
         self.least().max(self.fixed() + in_pieces(self.leaves).min(self.room(budget)))
     }
 
-    /// What a budget leaves for encoded leaves.
+    /// What a budget leaves for encoded leaves, in whole pieces.
     pub(super) fn room(&self, budget: u64) -> u64 {
-        budget.saturating_sub(self.fixed())
+        let room = budget.saturating_sub(self.fixed());
+        room - room % VdbGridBuilder::<f32>::LEAST_MEMORY
     }
 
     /// Upper bound of what goes to the spool.
@@ -212,7 +213,8 @@ impl Need {
 
     /// About what goes to the spool of encoded leaves of so many bytes.
     pub(super) fn spooled(&self, budget: u64, encoded: u64) -> u64 {
-        encoded.saturating_sub(self.room(budget).max(VdbGridBuilder::<f32>::LEAST_MEMORY))
+        // Pieces go there whole.
+        in_pieces(encoded.saturating_sub(self.room(budget).max(VdbGridBuilder::<f32>::LEAST_MEMORY)))
     }
 
     /// About what is taken of a budget for so many leaves of so many bytes, if the process takes `resident` without them.
@@ -236,6 +238,36 @@ fn in_pieces(leaves: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::{Field, Lattice};
+    use crate::num::Level;
+    use crate::scene::Scene;
+    use crate::volume::bake;
+
+    /// What a budget keeps of encoded leaves, and what goes to the spool, are what the grid does with them.
+    #[test]
+    fn what_is_kept_and_spooled_is_foretold() {
+        const PIECE: u64 = VdbGridBuilder::<f32>::LEAST_MEMORY;
+        let tube = "[[tube]]\nradius = 0.3\ncurve = { points = [[0, 0, 0], [0.4, 0, 1], [0, 0, 2]] }";
+        let field = Field::compile(&Scene::parse(tube, "").expect("valid"));
+        let plan = Plan::new(&field, Lattice { voxel_size: 0.005 }, 1 << 30).expect("small");
+        let encoder = Encoder::new(Compression::None);
+        let bound = GridBound::new::<f32>(encoder, plan.origins());
+        let need = Need::new(&plan, &bound, encoder, process(0, 0));
+        for pieces in 1..4 {
+            for more in [0, 1, PIECE - 1] {
+                let budget = need.fixed() + pieces * PIECE + more;
+                let spool = tempfile::tempfile().expect("a temporary file");
+                let mut grid = VdbGridBuilder::with_encoder(encoder).with_spool(need.room(budget), spool);
+                let Ok(_) = bake(&field, &plan, 0.0, Level::best(), &mut grid, |_| ()) else {
+                    panic!("no room");
+                };
+                let encoded = grid.encoded_bytes();
+                assert!(encoded > 4 * PIECE, "{encoded}");
+                assert_eq!(need.spooled(budget, encoded), grid.spooled_bytes());
+                assert!(need.spool(budget) >= grid.spooled_bytes() && need.most(budget) <= budget);
+            }
+        }
+    }
 
     #[test]
     fn amounts_are_shown_in_the_units_they_were_given_in() {
