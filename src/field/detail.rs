@@ -35,7 +35,6 @@ impl Place {
     /// The tube's layers there, and whether octaves fade and world coordinates are needed.
     pub(super) fn layers<T: Scalar>(&self, tube: &Tube, region: &mut Region<T>) -> ([usize; 2], [bool; 2]) {
         let first = region.layers.len();
-        region.fading = 0;
         let (mut fades, mut in_world) = (false, false);
         for layer in &tube.layers {
             let kind = match &layer.kind {
@@ -44,12 +43,12 @@ impl Place {
                 tube::LayerKind::Perlin(perlin) => {
                     let kind = self.perlin(tube, perlin, region, &mut fades);
                     in_world |= matches!(kind, LayerKind::Perlin { in_world: true, .. });
+                    if let (Some(threshold), Some(sum)) = (layer.threshold, region.sums.last_mut()) {
+                        give_up(threshold, &perlin.first, sum, &region.octaves);
+                    }
                     kind
                 }
             };
-            if let (Some(threshold), LayerKind::Perlin { sums, .. }) = (layer.threshold, &kind) {
-                give_up(threshold, &region.sums[sums[1] - 1], &mut region.octaves);
-            }
             let threshold = layer.threshold.map(T::from_f64);
             let multiplier = T::from_f64(layer.multiplier);
             region.layers.push(Layer { op: layer.op, kind, threshold, multiplier });
@@ -96,7 +95,7 @@ impl Place {
         };
         let start = region.octaves.len();
         let mut mean = sum.mean;
-        let mut fading = [start; 2];
+        let mut fading = [0; 2];
         for octave in &sum.octaves {
             let octave_mean = sum.form.mean() * octave.amplitude;
             let finer = octave.finer;
@@ -130,23 +129,18 @@ impl Place {
             let octave = placed.unwrap_or_else(|| {
                 noise::Octave::turned(at, steps, octave.period, sum.form, octave.seed, amplitude)
             });
-            let number = region.fading;
+            let number = fading[1] - fading[0];
             if fades {
-                let index = region.octaves.len();
-                fading = if fading[0] == fading[1] { [index, index + 1] } else { [fading[0], index + 1] };
-                region.fading += 1;
+                let index = region.octaves.len() - start;
+                fading = if number == 0 { [index, index + 1] } else { [fading[0], index + 1] };
             }
-            region.octaves.push(region::Octave {
-                octave,
-                fades,
-                finer: T::from_f64(finer),
-                number,
-                hopeless: None,
-            });
+            region.octaves.push(region::Octave { octave, fades, finer: T::from_f64(finer), number });
         }
         Sum {
             octaves: [start, region.octaves.len()],
             fading,
+            first: region.octaves.len() - start,
+            least: T::default(),
             rates: round([rates.across, rates.along, rates.twist].map(|rate| rate * rate)),
             mean: T::from_f64(mean),
             is_plain: region.octaves[start..].iter().all(|octave| octave.octave.is_plain()),
@@ -156,27 +150,21 @@ impl Place {
     }
 }
 
-/// Finds below which values a sum that is compared with a threshold need not be carried on.
-fn give_up<T: Scalar>(threshold: f64, sum: &Sum<T>, octaves: &mut [region::Octave<T>]) {
-    let octaves = &mut octaves[sum.octaves[0]..sum.octaves[1]];
-    let mean = sum.mean.to_f64();
-    let (mut size, mut highest) = (mean.abs() + threshold.abs(), 0.0);
-    for octave in &*octaves {
+/// Finds after which octave, and below which value of the sum so far, a sum that is compared with a threshold is not carried on:
+/// `after[n]` is how many of n octaves are summed first.
+fn give_up<T: Scalar>(threshold: f64, after: &[usize], sum: &mut Sum<T>, octaves: &[region::Octave<T>]) {
+    let octaves = &octaves[sum.octaves[0]..sum.octaves[1]];
+    let first = after[octaves.len()];
+    let (mut size, mut rise) = (sum.mean.to_f64().abs() + threshold.abs(), 0.0);
+    for (index, octave) in octaves.iter().enumerate() {
         let [low, high] = octave.octave.range();
         size += high.max(-low);
-        highest += high;
+        if index >= first {
+            rise += high;
+        }
     }
-    let stop = threshold - ROUNDING * size;
-    // Of what is summed so far: the middle of its range, and its greatest value.
-    let (mut middle, mut greatest) = (mean, 0.0);
-    let last = octaves.len().saturating_sub(1);
-    for octave in &mut octaves[..last] {
-        let [low, high] = octave.octave.range();
-        middle += 0.5 * (low + high);
-        greatest += high;
-        let least = stop - (highest - greatest);
-        octave.hopeless = (middle < least).then(|| T::from_f64(least));
-    }
+    sum.first = first;
+    sum.least = T::from_f64(threshold - ROUNDING * size - rise);
 }
 
 /// Whether single precision can place a voxel of edge `h` in the octave, along the tube or in the world.

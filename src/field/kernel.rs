@@ -6,11 +6,11 @@
 //!
 //! 1. *feet*: the parameter of every voxel's foot;
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
-//! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold no more octaves than may reach it.
+//! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold the last octaves only where they may reach it.
 
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
-use super::layers::{layers, pack_places};
+use super::layers::{Rest, layers, pack_places};
 use super::near::{self, Batches};
 use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
 use super::{EDGE, VOXELS};
@@ -74,8 +74,10 @@ pub struct Scratch<T> {
     /// Radius and squared distance to the axis over it: only where octaves fade or feet are told apart.
     pub(super) radius: Lanes<T>,
     pub(super) q: Lanes<T>,
-    /// Weights of the octaves that fade in a piece.
+    /// Weights of a sum's octaves that fade.
     pub(super) weights: Vec<Lanes<T>>,
+    /// The voxels where a sum is carried on past its first octaves.
+    pub(super) rest: Rest<T>,
     /// The focal fade: only where feet are told apart.
     pub(super) focal: Lanes<T>,
     pub(super) joint: Joint<T>,
@@ -103,6 +105,7 @@ impl<T: Scalar> Default for Scratch<T> {
             radius: room(),
             q: room(),
             weights: Vec::new(),
+            rest: Rest::default(),
             focal: room(),
             joint: Joint::default(),
             place: [room(), room(), room()],

@@ -43,39 +43,6 @@ pub(super) fn pack_places<R: Real>(
     }
 }
 
-/// The weights of octaves that fade at the packed voxels, for [`layers`]. Apart from the noise, since each is a long chain of
-/// dependent operations: so those of one batch overlap those of the next.
-#[inline(always)]
-fn fade<R: Real>(
-    token: R::Token,
-    region: &Region<R::Scalar>,
-    layers: &[Layer<R::Scalar>],
-    scratch: &mut Scratch<R::Scalar>,
-    packed: usize,
-) {
-    for layer in layers {
-        let LayerKind::Perlin { sums, .. } = layer.kind else { continue };
-        for sum in &region.sums[sums[0]..sums[1]] {
-            let fading = &region.octaves[sum.fading[0]..sum.fading[1]];
-            let Some(last) = fading.last() else { continue };
-            if scratch.weights.len() <= last.number {
-                scratch.weights.resize_with(last.number + 1, Lanes::default);
-            }
-            let mut first = 0;
-            while first < packed {
-                let radius = R::load(token, scratch.radius.part(first));
-                let r2 = radius * radius;
-                let larger = larger_square(token, &sum.rates, r2, R::load(token, scratch.q.part(first)));
-                for octave in fading {
-                    let weight = band_weight(token, larger * R::splat(token, octave.finer), r2);
-                    weight.store(scratch.weights[octave.number].part_mut(first));
-                }
-                first += R::LANES;
-            }
-        }
-    }
-}
-
 /// The density of the packed voxels: envelope times layers. It takes the place of the weights.
 ///
 /// One layer after another, and one sum of noise after another, each over all voxels: what differs from layer to layer is
@@ -89,7 +56,6 @@ pub(super) fn layers<R: Real>(
     packed: usize,
 ) {
     let layers = &region.layers[start..end];
-    fade::<R>(token, region, layers, scratch, packed);
     for (index, layer) in layers.iter().enumerate() {
         match &layer.kind {
             LayerKind::Constant(constant) => {
@@ -169,8 +135,8 @@ fn join<R: Real>(
 
 /// A sum of noise at the packed voxels.
 ///
-/// Each octave's cell is found before the octave before it is blended: the one is a chain of operations that wait for each
-/// other, so the other's fill its gaps, which the processor would not find so far ahead.
+/// Where it is compared with a threshold, voxels that no octave to come can lift above it are left as they are after the first
+/// few octaves, and the others are packed for those to come.
 #[inline(always)]
 fn fractal<R: Real, const PLAIN: bool>(
     token: R::Token,
@@ -180,43 +146,115 @@ fn fractal<R: Real, const PLAIN: bool>(
     scratch: &mut Scratch<R::Scalar>,
     packed: usize,
 ) {
-    let mean = R::splat(token, sum.mean);
-    let [start, ..] = octaves else {
-        fill::<R>(mean, &mut scratch.pattern, packed);
-        return;
-    };
-    let Scratch { u, v, height, weights, place, displaced, pattern, .. } = scratch;
+    let Scratch { u, v, height, radius, q, place, displaced, weights, pattern, rest, .. } = scratch;
     let own = if in_world { [&place[0], &place[1], &place[2]] } else { [&*u, &*v, &*height] };
     let x = if sum.displaced[0] { &displaced[0] } else { own[0] };
     let y = if sum.displaced[1] { &displaced[1] } else { own[1] };
     let z = if sum.displaced[2] { &displaced[2] } else { own[2] };
-    let last = octaves.len() - 1;
+    fill::<R>(R::splat(token, sum.mean), pattern, packed);
+    let all = [x, y, z, radius, q];
+    let early = Stage::new(sum, octaves, [0, sum.first]);
+    add_octaves::<R, PLAIN>(token, &early, all, weights, pattern, packed);
+    if sum.first == octaves.len() {
+        return;
+    }
+    let late = Stage::new(sum, octaves, [sum.first, octaves.len()]);
+    let fades = !late.fading.is_empty();
+    let count = rest.take::<R>(token, sum.least, all, fades, pattern, packed);
+    let Rest { at: [x, y, z, radius, q], sum: carried, .. } = rest;
+    add_octaves::<R, PLAIN>(token, &late, [x, y, z, radius, q], weights, carried, count);
+    rest.give_back::<R>(token, pattern, packed);
+}
+
+/// Octaves of a sum that are worked through together.
+#[derive(Debug, Clone, Copy)]
+struct Stage<'a, T> {
+    octaves: &'a [Octave<T>],
+    /// Those of them that fade.
+    fading: &'a [Octave<T>],
+    /// [`Sum::rates`].
+    rates: &'a [T; 3],
+}
+
+impl<'a, T> Stage<'a, T> {
+    /// Those from `start` to `end`.
+    fn new(sum: &'a Sum<T>, octaves: &'a [Octave<T>], [start, end]: [usize; 2]) -> Stage<'a, T> {
+        let [first, last] = sum.fading.map(|place| place.clamp(start, end));
+        Stage { octaves: &octaves[start..end], fading: &octaves[first..last], rates: &sum.rates }
+    }
+}
+
+/// Adds a stage's octaves to a sum at `count` voxels, given their coordinates, and where octaves fade the radius
+/// and the squared distance to the axis over it.
+///
+/// Each octave's cell, and that of the next batch's first octave, is found before the octave before it is blended: the one is a
+/// chain of operations that wait for each other, so the other's fill its gaps, which the processor would not find so far ahead.
+#[inline(always)]
+fn add_octaves<R: Real, const PLAIN: bool>(
+    token: R::Token,
+    stage: &Stage<R::Scalar>,
+    [x, y, z, radius, q]: [&Lanes<R::Scalar>; 5],
+    weights: &mut Vec<Lanes<R::Scalar>>,
+    totals: &mut Lanes<R::Scalar>,
+    count: usize,
+) {
+    weigh::<R>(token, stage, [radius, q], weights, count);
+    let octaves = stage.octaves;
+    let Some(last) = octaves.len().checked_sub(1) else { return };
+    let mut here = batch(token, [x, y, z], 0);
+    let mut cell = octaves[0].octave.cell::<R, PLAIN>(token, here);
     let mut first = 0;
-    'batches: while first < packed {
-        let at =
-            [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))];
-        let mut total = mean;
-        let mut cell = start.octave.cell::<R, PLAIN>(token, at);
+    while first < count {
+        let mut total = R::load(token, totals.part(first));
         for k in 0..last {
-            let octave = &octaves[k];
-            let ahead = octaves[k + 1].octave.cell::<R, PLAIN>(token, at);
-            total = total + weighted::<R, PLAIN>(token, octave, &cell, weights, first);
-            if let Some(hopeless) = octave.hopeless
-                && R::bitmask(R::splat(token, hopeless).le(total)) == 0
-            {
-                total.store(pattern.part_mut(first));
-                first += R::LANES;
-                continue 'batches;
-            }
+            let ahead = octaves[k + 1].octave.cell::<R, PLAIN>(token, here);
+            total = total + weighted::<R, PLAIN>(token, &octaves[k], &cell, weights, first);
             cell = ahead;
         }
+        // After the last batch this is of no use, and of places that there are, whatever they hold.
+        here = batch(token, [x, y, z], first + R::LANES);
+        let ahead = octaves[0].octave.cell::<R, PLAIN>(token, here);
         total = total + weighted::<R, PLAIN>(token, &octaves[last], &cell, weights, first);
-        total.store(pattern.part_mut(first));
+        total.store(totals.part_mut(first));
+        cell = ahead;
         first += R::LANES;
     }
 }
 
-/// An octave's value at the packed voxels from `first`, as much of it as has not faded.
+/// The coordinates of the batch of voxels from `first`.
+#[inline(always)]
+fn batch<R: Real>(token: R::Token, [x, y, z]: [&Lanes<R::Scalar>; 3], first: usize) -> [R; 3] {
+    [R::load(token, x.part(first)), R::load(token, y.part(first)), R::load(token, z.part(first))]
+}
+
+/// The weights of the octaves that fade. Apart from the noise, since each is a long chain of dependent operations: so those of one
+/// batch overlap those of the next.
+#[inline(always)]
+fn weigh<R: Real>(
+    token: R::Token,
+    stage: &Stage<R::Scalar>,
+    [radius, q]: [&Lanes<R::Scalar>; 2],
+    weights: &mut Vec<Lanes<R::Scalar>>,
+    count: usize,
+) {
+    let Some(last) = stage.fading.last() else { return };
+    if weights.len() <= last.number {
+        weights.resize_with(last.number + 1, Lanes::default);
+    }
+    let mut first = 0;
+    while first < count {
+        let radius = R::load(token, radius.part(first));
+        let r2 = radius * radius;
+        let larger = larger_square(token, stage.rates, r2, R::load(token, q.part(first)));
+        for octave in stage.fading {
+            let weight = band_weight(token, larger * R::splat(token, octave.finer), r2);
+            weight.store(weights[octave.number].part_mut(first));
+        }
+        first += R::LANES;
+    }
+}
+
+/// An octave's value at the voxels from `first`, as much of it as has not faded.
 #[inline(always)]
 fn weighted<R: Real, const PLAIN: bool>(
     token: R::Token,
@@ -230,6 +268,78 @@ fn weighted<R: Real, const PLAIN: bool>(
         return value;
     }
     octave.octave.faded(token, value, R::load(token, weights[octave.number].part(first)))
+}
+
+/// The voxels whose sum is carried on.
+#[derive(Debug, Clone)]
+pub(super) struct Rest<T> {
+    /// Coordinates, radius, and squared distance to the axis over it.
+    at: [Lanes<T>; 5],
+    sum: Lanes<T>,
+    /// Which of the packed voxels they are, a word for each batch of lanes.
+    which: Box<[u32; VOXELS]>,
+}
+
+impl<T: Scalar> Default for Rest<T> {
+    fn default() -> Rest<T> {
+        Rest {
+            at: std::array::from_fn(|_| Lanes::default()),
+            sum: Lanes::default(),
+            which: Box::new([0; VOXELS]),
+        }
+    }
+}
+
+impl<T: Scalar> Rest<T> {
+    /// Packs those of the packed voxels whose sum is at least `least`; returns their number.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "kernels hold no iterator adaptors: they may not be inlined"
+    )]
+    fn take<R: Real<Scalar = T>>(
+        &mut self,
+        token: R::Token,
+        least: T,
+        from: [&Lanes<T>; 5],
+        fades: bool,
+        sums: &Lanes<T>,
+        packed: usize,
+    ) -> usize {
+        let least = R::splat(token, least);
+        let mut left = 0;
+        let mut first = 0;
+        while first < packed {
+            let sum = R::load(token, sums.part(first));
+            let among = if packed - first < R::LANES { (1 << (packed - first)) - 1 } else { u32::MAX };
+            let bits = R::bitmask(least.le(sum)) & among;
+            self.which[first / R::LANES] = bits;
+            let mask = R::from_bitmask(token, bits);
+            sum.compress(mask).store(self.sum.part_mut(left));
+            for k in 0..if fades { 5 } else { 3 } {
+                R::load(token, from[k].part(first)).compress(mask).store(self.at[k].part_mut(left));
+            }
+            left += bits.count_ones() as usize;
+            first += R::LANES;
+        }
+        left
+    }
+
+    /// Writes their sums to where they came from.
+    #[inline(always)]
+    fn give_back<R: Real<Scalar = T>>(&self, token: R::Token, sums: &mut Lanes<T>, packed: usize) {
+        let mut left = 0;
+        let mut first = 0;
+        while first < packed {
+            let bits = self.which[first / R::LANES];
+            let mask = R::from_bitmask(token, bits);
+            let carried = R::load(token, self.sum.part(left)).expand(mask);
+            let sum = R::load(token, sums.part(first));
+            R::select(mask, carried, sum).store(sums.part_mut(first));
+            left += bits.count_ones() as usize;
+            first += R::LANES;
+        }
+    }
 }
 
 /// Displaces the coordinate that a sum is for, if any.

@@ -29,8 +29,6 @@ pub struct Region<T> {
     pub(crate) layers: Vec<Layer<T>>,
     pub(crate) sums: Vec<Sum<T>>,
     pub(crate) octaves: Vec<Octave<T>>,
-    /// Number of octaves that fade in the piece narrowed last.
-    pub(crate) fading: usize,
     /// Of the last tube's pieces, in the order in which they were found.
     pub(crate) parts: Vec<Part>,
     /// Memory for the intervals that one part of an axis is divided into.
@@ -156,8 +154,13 @@ pub(crate) enum LayerKind<T> {
 pub(crate) struct Sum<T> {
     /// Octaves in `Region::octaves`.
     pub(crate) octaves: [usize; 2],
-    /// Those of them that fade within the piece: they follow each other, since frequencies rise or fall.
+    /// Those of them, by their places among them, that fade within the piece: they follow each other, since frequencies rise or
+    /// fall.
     pub(crate) fading: [usize; 2],
+    /// So many octaves are summed at all voxels; those after them where the sum so far is at least `least`. Elsewhere it stays
+    /// below the layer's threshold, whatever they add.
+    pub(crate) first: usize,
+    pub(crate) least: T,
     /// Squares of first-octave cells per voxel: across at radius 1 voxel; along; by twist at the surface.
     pub(crate) rates: [T; 3],
     /// What the octaves that are left out add.
@@ -177,11 +180,8 @@ pub(crate) struct Octave<T> {
     pub(crate) fades: bool,
     /// Square of its frequency over the first octave's.
     pub(crate) finer: T,
-    /// How many octaves of the piece's layers fade before it.
+    /// How many of the sum's octaves fade before it.
     pub(crate) number: usize,
-    /// A sum, up to this octave, below this stays below the layer's threshold whatever the octaves after it add; `None`
-    /// where it is mostly above: a wrong guess whether a batch of voxels has any above costs more than an octave.
-    pub(crate) hopeless: Option<T>,
 }
 
 /// Rounds an array.

@@ -212,7 +212,7 @@ fn compile_layer(layer: &scene::Layer, around: Option<f64>) -> Layer {
     let kind = match &layer.pattern {
         Pattern::Constant(value) => LayerKind::Constant(*value),
         Pattern::Sectors => LayerKind::Sectors,
-        Pattern::Perlin(fbm) => LayerKind::Perlin(Box::new(Perlin::compile(fbm, around))),
+        Pattern::Perlin(fbm) => LayerKind::Perlin(Box::new(Perlin::compile(fbm, around, layer.threshold))),
     };
     Layer { op: layer.op, kind, threshold: layer.threshold, multiplier: layer.multiplier }
 }

@@ -225,6 +225,46 @@ fn options_that_say_nothing_change_no_bit() {
     }
 }
 
+/// Of a pattern n without an envelope, a threshold t makes max(n - t, 0), whichever octaves are left out below it.
+#[test]
+fn octaves_that_cannot_reach_a_threshold_are_left_out_exactly() {
+    let values = |lines: &str, resolution: f64, level: Level| {
+        let field = Field::compile(&scene(&format!(
+            "[bake]\nantialias = \"off\"\n[[tube]]\ncurve = {{ points = [[0,0,0],[0.1,0.1,1],[0,0.2,2]] }}\n\
+             radius = [[0, 0.2], [1, 0.35]]\ntwist = 0.7\nenvelope = {{ radial = \"hard\" }}\ncaps = \"flat\"\n\
+             [[tube.layer]]\n{lines}\n"
+        )));
+        let lattice = lattice(&field, resolution);
+        let plan = Plan::for_extent(&field, lattice, Extent::Centres, 1 << 30).expect("a small plan");
+        let mut store = Store::default();
+        let Ok(_) = bake(&field, &plan, 0.0, level, &mut store, |_| ());
+        store.active().collect::<Vec<([i32; 3], f32)>>()
+    };
+    for lines in [
+        "frequency = [2.0, 2.5, 4.0]\noctaves = 7",
+        "octaves = 5\ngain = 0.8\nlacunarity = 0.5\nfrequency = 40.0",
+        "octaves = 6\nform = \"billow\"\nrotate = true",
+        "octaves = 3\nform = \"ridged\"\nnormalise = true",
+        "octaves = 6\nwarp = { amplitude = 0.4, octaves = 3 }",
+        "frequency = 4.0\noctaves = 6\nspace = \"world\"\nwarp = { amplitude = 0.4 }",
+    ] {
+        for resolution in [30.0, 150.0] {
+            let all = values(lines, resolution, Level::best());
+            for threshold in [0.05_f32, 0.3, 0.7] {
+                let right: Vec<([i32; 3], f32)> = all
+                    .iter()
+                    .map(|(voxel, value)| (*voxel, value - threshold))
+                    .filter(|(_, value)| *value > 0.0)
+                    .collect();
+                for level in Level::all() {
+                    let found = values(&format!("{lines}\nthreshold = {threshold}"), resolution, level);
+                    assert!(found == right, "{lines} above {threshold} at {resolution}");
+                }
+            }
+        }
+    }
+}
+
 /// Places scattered over 64^3 cells.
 fn places(count: usize) -> Vec<[f32; 3]> {
     let mut random = Random(42);
