@@ -186,7 +186,7 @@ impl Field {
         region.intervals = found;
     }
 
-    /// Lays the interval over one span if one holds all of it, else over each that holds a part of it.
+    /// Divides the interval into as few pieces as spans hold of it.
     fn spans<T: Scalar>(
         &self,
         tube: &Tube,
@@ -195,21 +195,16 @@ impl Field {
         block: Block,
         region: &mut Region<T>,
     ) {
-        let spans = &tube.spans[segment];
-        let middle = 0.5 * (interval.t[0] + interval.t[1]);
-        let holds = |span: &&Span| span.fit[0] <= interval.t[0] && interval.t[1] <= span.fit[1];
-        let near = spans[interval.span..].iter().skip_while(|span| span.core[1] <= interval.t[0]);
-        let near = near.take_while(|span| span.core[0] <= interval.t[1]);
-        let distance = |span: &Span| (span.middle - middle).abs();
-        if let Some(span) = near.clone().filter(holds).min_by(|a, b| distance(a).total_cmp(&distance(b))) {
-            self.piece(tube, segment, span, interval, block, region);
-            return;
-        }
-        for span in near {
-            let t = [interval.t[0].max(span.core[0]), interval.t[1].min(span.core[1])];
+        let spans = &tube.spans[segment][interval.span..];
+        let before = spans.iter().take_while(|span| span.core[1] <= interval.t[0]).count();
+        let mut rest = &spans[before..];
+        while let Some(first) = rest.first().filter(|first| first.core[0] <= interval.t[1]) {
+            let (span, count) = longest(rest, interval.t);
+            let t = [interval.t[0].max(first.core[0]), interval.t[1].min(rest[count - 1].core[1])];
             if t[0] < t[1] {
                 self.piece(tube, segment, span, Interval { t, ..interval }, block, region);
             }
+            rest = &rest[count..];
         }
     }
 
@@ -486,6 +481,31 @@ fn are_cubic(base: &[f64; ROWS], slope: &[[f64; ROWS]; 3]) -> bool {
         };
         beyond_cubic(&[0.0, 0.0, 0.0, 0.0, most(first + 4), most(first + 5)]) <= CUBIC
     })
+}
+
+/// Of some spans the one that holds most of an interval from the first one's core on, and how many cores it holds there; among
+/// equals the one whose middle is nearest.
+fn longest(spans: &[Span], t: [f64; 2]) -> (&Span, usize) {
+    let start = t[0].max(spans[0].core[0]);
+    let mut best = (&spans[0], 0, f64::INFINITY);
+    for span in spans.iter().take_while(|span| span.core[0] <= t[1]) {
+        if span.fit[0] > start {
+            continue;
+        }
+        let (mut end, mut count) = (spans[0].core[0], 0);
+        for next in spans {
+            let is_held = next.core[1].min(t[1]) <= span.fit[1];
+            if next.core[0] != end || end > t[1] || !is_held {
+                break;
+            }
+            (end, count) = (next.core[1], count + 1);
+        }
+        let distance = (span.middle - 0.5 * (start + end.min(t[1]))).abs();
+        if count > best.1 || (count == best.1 && distance < best.2) {
+            best = (span, count, distance);
+        }
+    }
+    (best.0, best.1)
 }
 
 /// Sorts the pieces along the axis, each with its arc length from that of the first; a closed axis is cut opposite to that.

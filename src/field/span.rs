@@ -8,6 +8,8 @@ use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
 
 /// Where the error of (u, v), and of the arc length in units of radius plus span, must stay below this.
 const TOLERANCE: f64 = 3e-7;
+/// How far past its core, in its lengths, a span is fitted: to the first at least, and on for as long as it holds.
+const PAST: [f64; 3] = [0.5, 0.75, 1.0];
 /// A span is not halved more often than this: what is then left of a segment is too short to matter.
 const DEPTH: u32 = 40;
 /// Below this fraction of the largest radius there is no tube.
@@ -108,14 +110,27 @@ impl Axis<'_> {
     }
 
     fn divide(&self, segment: usize, core: [f64; 2], limit: [f64; 2], depth: u32, spans: &mut Vec<Span>) {
-        let reach = 0.5 * (core[1] - core[0]);
-        let fit = [(core[0] - reach).max(limit[0]), (core[1] + reach).min(limit[1])];
+        let fit = |past: f64| {
+            let reach = past * (core[1] - core[0]);
+            [(core[0] - reach).max(limit[0]), (core[1] + reach).min(limit[1])]
+        };
         let places = |t: [f64; 2]| t.map(|t| self.curve.arc_length(segment, t) / self.curve.length());
         if self.radius.vanishes(places(core)) {
             return;
         }
-        let span = self.fit(segment, core, fit);
-        if depth >= DEPTH || (self.radius.lasts(places(fit)) && self.holds(segment, &span)) {
+        let mut span = self.fit(segment, core, fit(PAST[0]));
+        let holds = |span: &Span| self.radius.lasts(places(span.fit)) && self.holds(segment, span);
+        if depth >= DEPTH || holds(&span) {
+            for longer in PAST[1..].iter().map(|past| fit(*past)) {
+                if longer == span.fit {
+                    break;
+                }
+                let longer = self.fit(segment, core, longer);
+                if !holds(&longer) {
+                    break;
+                }
+                span = longer;
+            }
             spans.push(span);
             return;
         }
