@@ -9,7 +9,7 @@ use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
 /// Where the error of (u, v), and of the arc length in units of radius plus span, must stay below this.
 const TOLERANCE: f64 = 3e-7;
 /// How far past its core, in its lengths, a span is fitted: to the first at least, and on for as long as it holds.
-const PAST: [f64; 3] = [0.5, 0.75, 1.0];
+const PAST: [f64; 5] = [0.5, 0.7, 0.85, 1.0, 1.25];
 /// A span is not halved more often than this: what is then left of a segment is too short to matter.
 const DEPTH: u32 = 40;
 /// Below this fraction of the largest radius there is no tube.
