@@ -190,7 +190,8 @@ impl<'a> Nodes<'a> {
 
 /// Seconds that the spool takes, and then the file, by the clock and of processors. Small ones are not worth a trial.
 fn on_disk(file: u64, spool: u64, folder: Option<&Path>) -> [[f64; 2]; 2] {
-    let speed = folder.filter(|_| file + spool >= LARGE).and_then(machine::disk_speed);
+    let bytes = file + spool;
+    let speed = folder.filter(|_| bytes >= LARGE).and_then(|folder| machine::disk_speed(folder, bytes));
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let [file, spool] = [file as f64, spool as f64];
     let [clock, cpu] = speed.unwrap_or_default();

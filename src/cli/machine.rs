@@ -16,8 +16,13 @@ const STACK: u64 = (2 << 20) + (64 << 10);
 const HEAP: u64 = 64 << 20;
 /// Bytes that are free before threads are begun, or nothing is.
 const BEGINNING: usize = 4 << 20;
-/// MiB that are written to learn how fast a disk is.
-const TRIAL: usize = 32;
+/// MiB that are written, and kept, at once to learn how fast a disk is.
+const PIECE: usize = 32;
+/// So many times a piece is written at most, and for no more than so many seconds is another one begun.
+const PIECES: usize = 64;
+const PATIENCE: f64 = 3.0;
+/// One byte in so many is written.
+const ONE_IN: u64 = 4;
 
 /// Three quarters of the memory that this process may use, in bytes.
 pub(super) fn default_budget() -> u64 {
@@ -80,17 +85,28 @@ pub(super) fn free_space(folder: &Path) -> Option<u64> {
     fs4::available_space(folder).ok()
 }
 
-/// Seconds that a folder's disk takes to keep a byte, by the clock and of a processor, tried out on a nameless file; `None`
-/// where none can be made.
-pub(super) fn disk_speed(folder: &Path) -> Option<[f64; 2]> {
+/// Seconds that a folder's disk takes to keep a byte of so many, by the clock and of a processor, tried out on a nameless file;
+/// `None` where none can be made.
+///
+/// A part of as many is written, since many disks are fast at first only: what counts by the clock is the last quarter.
+#[allow(clippy::cast_precision_loss, reason = "sizes")]
+pub(super) fn disk_speed(folder: &Path, bytes: u64) -> Option<[f64; 2]> {
     let mut file = tempfile::tempfile_in(folder).ok()?;
     // Other than zeros, which some disks do not keep.
-    let piece: Vec<u8> = (0..1_u32 << 18).flat_map(|n| n.wrapping_mul(0x9e37_79b9).to_le_bytes()).collect();
+    let mebibyte: Vec<u8> =
+        (0..1_u32 << 18).flat_map(|n| n.wrapping_mul(0x9e37_79b9).to_le_bytes()).collect();
+    let piece = PIECE * mebibyte.len();
+    let most = usize::try_from(bytes / ONE_IN).unwrap_or(usize::MAX) / piece;
     let (clock, cpu) = (Instant::now(), ThreadTime::now());
-    (0..TRIAL).try_for_each(|_| file.write_all(&piece)).and_then(|()| file.sync_all()).ok()?;
-    #[allow(clippy::cast_precision_loss, reason = "32 MiB")]
-    let bytes = (TRIAL * piece.len()) as f64;
-    Some([clock.elapsed(), cpu.elapsed()].map(|time| time.as_secs_f64() / bytes))
+    let mut seconds = Vec::new();
+    while seconds.len() < most.clamp(1, PIECES) && clock.elapsed().as_secs_f64() < PATIENCE {
+        let begun = Instant::now();
+        (0..PIECE).try_for_each(|_| file.write_all(&mebibyte)).and_then(|()| file.sync_data()).ok()?;
+        seconds.push(begun.elapsed().as_secs_f64());
+    }
+    let last = &seconds[seconds.len() - seconds.len().div_ceil(4)..];
+    let per_byte = |seconds: f64, pieces: usize| seconds / (pieces * piece) as f64;
+    Some([per_byte(last.iter().sum(), last.len()), per_byte(cpu.elapsed().as_secs_f64(), seconds.len())])
 }
 
 /// A line such as `MemTotal:  123 kB`, in bytes.

@@ -206,7 +206,7 @@ impl Plan {
 
         let (mut bricks, mut candidates) = (0, 0);
         each_brick(&contacts, |_, _, needed| {
-            (bricks, candidates) = (bricks + 1, candidates + needed.count());
+            (bricks, candidates) = (bricks + 1, candidates + needed.capsules().count());
         });
         let held =
             bricks * (size_of::<Planned>() + usize::from(has_edges)) + candidates * size_of::<Candidate>();
@@ -237,7 +237,7 @@ impl Plan {
             let [node, low] = [brick >> IN_NODE, brick & ((1 << IN_NODE) - 1)];
             #[allow(clippy::cast_possible_truncation, reason = "less than 2^26 nodes, and 2^32 candidates")]
             let (node, first) = (node as usize, plan.candidates.len() as u32);
-            plan.candidates.extend(needed);
+            plan.candidates.extend(needed.capsules());
             plan.bricks.push(Planned { block: block_of(nodes[node] << IN_NODE | low, root), first });
             if has_edges {
                 plan.edges.push(crossed);
@@ -573,16 +573,30 @@ impl Nodes<'_> {
 
 /// Calls `visit` for every brick that is to be evaluated, with its part of its contacts, whether an edge may pass through
 /// it, and the capsules that it needs. `contacts` are sorted.
-fn each_brick(contacts: &[Contact], mut visit: impl FnMut(u64, bool, &mut dyn Iterator<Item = Candidate>)) {
+fn each_brick<'a>(contacts: &'a [Contact], mut visit: impl FnMut(u64, bool, Needed<'a>)) {
     for contacts in contacts.chunk_by(|a, b| a >> BRICK == b >> BRICK) {
         let crossed = contacts.iter().any(|contact| contact & EDGE != 0);
-        // Elsewhere only centres matter, and what reaches them, as in a plan without edges.
-        let needed = |contact: &&Contact| crossed || **contact & CENTRES != 0;
-        if contacts.iter().any(|contact| needed(&contact)) {
-            #[allow(clippy::cast_possible_truncation, reason = "24 bits")]
-            let capsule = |contact: &Contact| (contact << (64 - BRICK) >> (64 - BRICK + 2)) as Candidate;
-            visit(contacts[0] >> BRICK, crossed, &mut contacts.iter().filter(needed).map(capsule));
+        let needed = Needed { contacts, crossed };
+        if needed.capsules().next().is_some() {
+            visit(contacts[0] >> BRICK, crossed, needed);
         }
+    }
+}
+
+/// The capsules that a brick needs, of its contacts.
+#[derive(Clone, Copy)]
+struct Needed<'a> {
+    contacts: &'a [Contact],
+    /// Whether an edge may pass through it. Elsewhere only centres matter, and what reaches them, as in a plan without edges.
+    crossed: bool,
+}
+
+impl<'a> Needed<'a> {
+    #[allow(clippy::cast_possible_truncation, reason = "24 bits")]
+    fn capsules(self) -> impl Iterator<Item = Candidate> + 'a {
+        let needed = move |contact: &&Contact| self.crossed || **contact & CENTRES != 0;
+        let capsule = |contact: &Contact| (contact << (64 - BRICK) >> (64 - BRICK + 2)) as Candidate;
+        self.contacts.iter().filter(needed).map(capsule)
     }
 }
 
