@@ -134,7 +134,7 @@ impl Place {
                 let index = region.octaves.len() - start;
                 fading = if number == 0 { [index, index + 1] } else { [fading[0], index + 1] };
             }
-            region.octaves.push(region::Octave { octave, fades, finer: T::from_f64(finer), number });
+            region.octaves.push(region::Octave { octave, fades, finer: T::from_f64(0.5 * finer), number });
         }
         Sum {
             octaves: [start, region.octaves.len()],

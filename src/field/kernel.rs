@@ -12,7 +12,7 @@ use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{Rest, layers, pack_places};
 use super::near::{self, Batches};
-use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, U, V};
+use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, Turn, U, V};
 use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
@@ -397,7 +397,11 @@ pub(super) fn turned<R: Real>(
 ) -> [R; 2] {
     let Some(twist) = &piece.twist else { return [u, v] };
     let turns = R::splat(token, twist.rate) * height;
-    let (sin, cos) = if twist.is_gentle { turns.sin_cos_eighth(token) } else { turns.sin_cos_turns(token) };
+    let (sin, cos) = match twist.most {
+        Turn::Slight => turns.sin_cos_slight(token),
+        Turn::Gentle => turns.sin_cos_eighth(token),
+        Turn::Any => turns.sin_cos_turns(token),
+    };
     [u * cos + v * sin, v * cos - u * sin]
 }
 
@@ -424,10 +428,11 @@ pub(super) fn envelope<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, q: R,
         Radial::Hard => one,
         Radial::Edge(width) => smoothstep(token, (one - q.sqrt()) * R::constant(token, 1.0 / width)),
     };
-    if let Some([start, rate, fraction]) = piece.axial {
-        let x = R::splat(token, start) + R::splat(token, rate) * height;
-        let fraction = R::splat(token, fraction);
-        weight = weight * smoothstep(token, x / fraction) * smoothstep(token, (one - x) / fraction);
+    if let Some([here, rate]) = piece.axial[0] {
+        weight = weight * smoothstep(token, R::splat(token, here) + R::splat(token, rate) * height);
+    }
+    if let Some([here, rate]) = piece.axial[1] {
+        weight = weight * smoothstep(token, R::splat(token, here) + R::splat(token, rate) * height);
     }
     weight
 }

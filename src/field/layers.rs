@@ -245,9 +245,9 @@ fn weigh<R: Real>(
     while first < count {
         let radius = R::load(token, radius.part(first));
         let r2 = radius * radius;
-        let larger = larger_square(token, stage.rates, r2, R::load(token, q.part(first)));
+        let twice_larger = twice_larger_square(token, stage.rates, r2, R::load(token, q.part(first)));
         for octave in stage.fading {
-            let weight = band_weight(token, larger * R::splat(token, octave.finer), r2);
+            let weight = band_weight(token, twice_larger * R::splat(token, octave.finer), r2);
             weight.store(weights[octave.number].part_mut(first));
         }
         first += R::LANES;
@@ -363,11 +363,11 @@ fn displace<R: Real>(
     }
 }
 
-/// The larger square of the singular values of the first octave's cells per voxel, times `r2`, the square of the radius.
+/// Twice the larger square of the singular values of the first octave's cells per voxel, times `r2`, the square of the radius.
 #[inline(always)]
-fn larger_square<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, q: R) -> R {
+fn twice_larger_square<R: Real>(token: R::Token, rates: &[R::Scalar; 3], r2: R, q: R) -> R {
     let both = R::splat(token, rates[0]) + (R::splat(token, rates[1]) + R::splat(token, rates[2]) * q) * r2;
-    let product = R::splat(token, rates[0] * rates[1]) * r2;
-    let root = (both * both - R::constant(token, 4.0) * product).most(R::constant(token, 0.0)).sqrt();
-    (both + root) * R::constant(token, 0.5)
+    let four = R::Scalar::from_f64(4.0);
+    let four_products = R::splat(token, four * (rates[0] * rates[1])) * r2;
+    both + (both * both - four_products).most(R::constant(token, 0.0)).sqrt()
 }

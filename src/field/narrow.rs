@@ -7,13 +7,13 @@ use glam::DVec3;
 use super::cover::{Capsule, Reach, support};
 use super::detail::Place;
 use super::near::{Near, SLACK};
-use super::region::{self, FOOT, Part, Piece, ROWS, Region, SECOND, Search, Twist, U, V, round};
+use super::region::{self, FOOT, Part, Piece, ROWS, Region, SECOND, Search, Turn, Twist, U, V, round};
 use super::span::{LEAST_RADIUS, Span};
 use super::tube::{CORNER, PointKind, Tube};
 use super::{EDGE, Extent, Field, Lattice};
 use crate::curve::Segment;
-use crate::num::Scalar;
 use crate::num::poly::{TERMS, beyond_cubic, evaluate, substitute, to_cubic};
+use crate::num::{SLIGHT, Scalar};
 use crate::scene::{Caps, Conserve, Overlap};
 
 /// A part of a field that may hold feet of a block's voxels: an index into the cover.
@@ -268,7 +268,12 @@ impl Field {
             let rate = tube.twist_rate / (TAU * rate);
             // A foot may lie a little past the piece's ends.
             let most = 1.05 * height.iter().map(|h| h.abs()).sum::<f64>();
-            Twist { rate: T::from_f64(rate), is_gentle: (rate * most).abs() <= 0.125 }
+            let most = match (rate * most).abs() {
+                most if most <= SLIGHT => Turn::Slight,
+                most if most <= 0.125 => Turn::Gentle,
+                _ => Turn::Any,
+            };
+            Twist { rate: T::from_f64(rate), most }
         });
 
         let cubic = q[3] != DVec3::ZERO;
@@ -557,11 +562,16 @@ fn turned(tube: &Tube, arc: f64) -> Option<[f64; 2]> {
     })
 }
 
-fn axial<T: Scalar>(tube: &Tube, s: [f64; 2], origin: f64) -> Option<[T; 3]> {
-    let Caps::Fade(fraction) = tube.caps else { return None };
+/// [`Piece::axial`] of a piece between two arc lengths, with the arc length of its layers' origin.
+fn axial<T: Scalar>(tube: &Tube, [first, last]: [f64; 2], origin: f64) -> [Option<[T; 2]>; 2] {
+    let Caps::Fade(fraction) = tube.caps else { return [None; 2] };
     let length = tube.curve.length();
-    let near_end = s[0] / length < fraction * 1.001 || s[1] / length > 1.0 - fraction * 1.001;
-    near_end.then(|| round([origin / length, 1.0 / (length * tube.height_rate()), fraction]))
+    let (faded, near) = (fraction * length, 1.001 * fraction * length);
+    let rate = 1.0 / (faded * tube.height_rate());
+    [
+        (first < near).then(|| round([origin / faded, rate])),
+        (last > length - near).then(|| round([(length - origin) / faded, -rate])),
+    ]
 }
 
 /// At which of two places the axis stands still: in a cusp or fold, or at an end where control points coincide.

@@ -110,8 +110,9 @@ pub(crate) struct Piece<T> {
     pub(crate) gain: Option<[T; TERMS]>,
     /// Arc length in voxels, from where the block's pieces of this tube begin: at the layers' origin, and per unit of height.
     pub(crate) arc: [T; 2],
-    /// `s / L = axial[0] + axial[1] height`, with the faded fraction, where a faded end is near.
-    pub(crate) axial: Option<[T; 3]>,
+    /// For each end that fades and is near, the distance from it over the length that fades: its value at the layers' origin, and
+    /// its change per unit of height.
+    pub(crate) axial: [Option<[T; 2]>; 2],
     pub(crate) radial: Radial,
     /// Layers in `Region::layers`.
     pub(crate) layers: [usize; 2],
@@ -125,8 +126,17 @@ pub(crate) struct Piece<T> {
 pub(crate) struct Twist<T> {
     /// Turns per unit of height.
     pub(crate) rate: T,
-    /// No more than an eighth of a turn either way in all of the piece.
-    pub(crate) is_gentle: bool,
+    pub(crate) most: Turn,
+}
+
+/// How far the cross-section turns either way in all of a piece.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Turn {
+    /// No more than [`SLIGHT`](crate::num::SLIGHT).
+    Slight,
+    /// No more than an eighth of a turn.
+    Gentle,
+    Any,
 }
 
 #[derive(Debug, Clone)]
@@ -178,7 +188,7 @@ pub(crate) struct Octave<T> {
     pub(crate) octave: noise::Octave<T>,
     /// Whether its weight is not 1 all over the piece.
     pub(crate) fades: bool,
-    /// Square of its frequency over the first octave's.
+    /// Half of the square of its frequency over the first octave's.
     pub(crate) finer: T,
     /// How many of the sum's octaves fade before it.
     pub(crate) number: usize,

@@ -4,4 +4,4 @@ pub mod poly;
 pub mod quadrature;
 mod real;
 
-pub use real::{F32x16, Level, Real, Scalar, WithLevel, with_level};
+pub use real::{F32x16, Level, Real, SLIGHT, Scalar, WithLevel, with_level};

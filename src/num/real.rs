@@ -70,6 +70,9 @@ fn run_with<S: Simd, W: WithLevel>(simd: S, code: W) -> W::Output {
     code.run::<f32x16<S>>(simd)
 }
 
+/// Part of a turn within which a few terms are enough for sine and cosine.
+pub const SLIGHT: f64 = 1.0 / 24.0;
+
 /// A number as it lies in memory: `f32` or `f64`.
 pub trait Scalar:
     Copy + Default + PartialOrd + Add<Output = Self> + Mul<Output = Self> + Send + Sync + 'static
@@ -163,6 +166,8 @@ pub trait Real:
     fn sin_cos_turns(self, token: Self::Token) -> (Self, Self);
     /// The same of no more than an eighth of a turn either way: absolute error below 1.5e-7 (`f32`).
     fn sin_cos_eighth(self, token: Self::Token) -> (Self, Self);
+    /// The same of no more than [`SLIGHT`] either way: absolute error below 1e-7 (`f32`).
+    fn sin_cos_slight(self, token: Self::Token) -> (Self, Self);
 
     /// Lane-wise `self < other`; false with NaN.
     fn lt(self, other: Self) -> Self::Mask;
@@ -351,6 +356,20 @@ impl<S: Simd> Real for f32x16<S> {
         (sin, cos)
     }
     #[inline(always)]
+    fn sin_cos_slight(self, token: S) -> (Self, Self) {
+        // Taylor's series in radians: the first term left out of the sine is x^7 / 7! < 2e-8; that of the cosine, y^3 / 6! where
+        // y = x^2 <= Y, is replaced by its best quadratic, 3/2 Y y^2 - 9/16 Y^2 y, to 3e-8.
+        const Y: f64 = SLIGHT * SLIGHT * std::f64::consts::TAU * std::f64::consts::TAU;
+        let constant = |x: f64| <Self as Real>::constant(token, x);
+        let x = self * std::f32::consts::TAU;
+        let y = x * x;
+        let one = constant(1.0);
+        let sin = ((y * constant(1.0 / 120.0) - constant(1.0 / 6.0)) * y + one) * x;
+        let square = constant(1.0 / 24.0 - 1.5 * Y / 720.0);
+        let cos = (y * square - constant(0.5 - 0.5625 * Y * Y / 720.0)) * y + one;
+        (sin, cos)
+    }
+    #[inline(always)]
     fn lt(self, other: Self) -> Self::Mask {
         self.simd_lt(other)
     }
@@ -496,6 +515,10 @@ impl Real for f64 {
         libm::sincos(std::f64::consts::TAU * self)
     }
     #[inline(always)]
+    fn sin_cos_slight(self, (): ()) -> (f64, f64) {
+        libm::sincos(std::f64::consts::TAU * self)
+    }
+    #[inline(always)]
     fn lt(self, other: f64) -> bool {
         self < other
     }
@@ -602,7 +625,7 @@ mod tests {
 
     struct Turns<'a> {
         of: &'a [f32; 16],
-        are_gentle: bool,
+        within: f64,
     }
 
     impl WithLevel for Turns<'_> {
@@ -611,39 +634,41 @@ mod tests {
         fn run<R: Real<Scalar = f32>>(self, token: R::Token) -> [[f32; 16]; 2] {
             let mut out = [[0.0; 16]; 2];
             let turns = R::load(token, self.of);
-            let (sin, cos) =
-                if self.are_gentle { turns.sin_cos_eighth(token) } else { turns.sin_cos_turns(token) };
+            let (sin, cos) = match self.within {
+                SLIGHT => turns.sin_cos_slight(token),
+                0.125 => turns.sin_cos_eighth(token),
+                _ => turns.sin_cos_turns(token),
+            };
             sin.store(&mut out[0]);
             cos.store(&mut out[1]);
             out
         }
     }
 
+    fn assert_sines(within: f64, bound: f64, lanes: [f32; 16]) {
+        let [sines, cosines] = with_level(Level::best(), Turns { of: &lanes, within });
+        for (turns, [sine, cosine]) in
+            lanes.into_iter().zip(sines.into_iter().zip(cosines).map(|(s, c)| [s, c]))
+        {
+            let (sin, cos) = f64::from(turns).sin_cos_turns(());
+            assert!((f64::from(sine) - sin).abs() < bound, "sine of {turns}: {sine}, not {sin}");
+            assert!((f64::from(cosine) - cos).abs() < bound, "cosine of {turns}: {cosine}, not {cos}");
+        }
+    }
+
     #[test]
-    fn lane_sines_keep_their_bound() {
+    fn lane_sines_keep_their_bounds() {
         for step in -2000..2000_i16 {
             let first = f32::from(step) * 0.0137;
-            let lanes: [f32; 16] =
-                std::array::from_fn(|i| first * [1.0, 1.0, 17.0, 1e3][i % 4] + 0.125 * i as f32);
-            let found = with_level(Level::best(), Turns { of: &lanes, are_gentle: false });
-            let gentle = with_level(Level::best(), Turns { of: &lanes, are_gentle: true });
-            for (i, &turns) in lanes.iter().enumerate() {
-                let (sin, cos) = f64::from(turns).sin_cos_turns(());
-                assert!(
-                    (f64::from(found[0][i]) - sin).abs() < 3e-7,
-                    "sine of {turns}: {}, not {sin}",
-                    found[0][i]
-                );
-                assert!(
-                    (f64::from(found[1][i]) - cos).abs() < 3e-7,
-                    "cosine of {turns}: {}, not {cos}",
-                    found[1][i]
-                );
-                if turns.abs() <= 0.125 {
-                    let [sin_here, cos_here] = gentle.map(|lanes| f64::from(lanes[i]));
-                    assert!((sin_here - sin).abs() < 1.5e-7, "sine of {turns}: {sin_here}, not {sin}");
-                    assert!((cos_here - cos).abs() < 1.5e-7, "cosine of {turns}: {cos_here}, not {cos}");
-                }
+            assert_sines(
+                f64::INFINITY,
+                3e-7,
+                std::array::from_fn(|i| first * [1.0, 1.0, 17.0, 1e3][i % 4] + 0.125 * i as f32),
+            );
+            for (within, bound) in [(0.125, 1.5e-7), (SLIGHT, 1e-7)] {
+                let part = f64::from(step) / 2000.0;
+                let lanes = std::array::from_fn(|i| f32::from_f64(within * (part + i as f64 / 32_000.0)));
+                assert_sines(within, bound, lanes);
             }
         }
     }
