@@ -198,12 +198,14 @@ impl Field {
         let spans = &tube.spans[segment][interval.span..];
         let before = spans.iter().take_while(|span| span.core[1] <= interval.t[0]).count();
         let mut rest = &spans[before..];
-        while let Some(first) = rest.first().filter(|first| first.core[0] <= interval.t[1]) {
-            let (span, count) = longest(rest, interval.t);
-            let t = [interval.t[0].max(first.core[0]), interval.t[1].min(rest[count - 1].core[1])];
-            if t[0] < t[1] {
-                self.piece(tube, segment, span, Interval { t, ..interval }, block, region);
+        while let Some(first) = rest.first() {
+            let [start, end] = [interval.t[0].max(first.core[0]), interval.t[1]];
+            if start > end || (start == end && end > interval.t[0]) {
+                break;
             }
+            let (span, count) = longest(rest, [start, end]);
+            let t = [start, end.min(rest[count - 1].core[1])];
+            self.piece(tube, segment, span, Interval { t, ..interval }, block, region);
             rest = &rest[count..];
         }
     }
@@ -488,24 +490,24 @@ fn are_cubic(base: &[f64; ROWS], slope: &[[f64; ROWS]; 3]) -> bool {
     })
 }
 
-/// Of some spans the one that holds most of an interval from the first one's core on, and how many cores it holds there; among
+/// Of spans the one that holds most of an interval that begins on the first one's core, and how many cores it holds there; among
 /// equals the one whose middle is nearest.
 fn longest(spans: &[Span], t: [f64; 2]) -> (&Span, usize) {
-    let start = t[0].max(spans[0].core[0]);
     let mut best = (&spans[0], 0, f64::INFINITY);
     for span in spans.iter().take_while(|span| span.core[0] <= t[1]) {
-        if span.fit[0] > start {
+        if span.fit[0] > t[0] {
             continue;
         }
         let (mut end, mut count) = (spans[0].core[0], 0);
         for next in spans {
-            let is_held = next.core[1].min(t[1]) <= span.fit[1];
-            if next.core[0] != end || end > t[1] || !is_held {
+            // Where there is no tube there are no spans.
+            let follows = next.core[0] == end && end <= t[1];
+            if !follows || next.core[1].min(t[1]) > span.fit[1] {
                 break;
             }
             (end, count) = (next.core[1], count + 1);
         }
-        let distance = (span.middle - 0.5 * (start + end.min(t[1]))).abs();
+        let distance = (span.middle - 0.5 * (t[0] + end.min(t[1]))).abs();
         if count > best.1 || (count == best.1 && distance < best.2) {
             best = (span, count, distance);
         }

@@ -6,7 +6,9 @@ use vdbake::field::kernel::{Counts, Places, Scratch, evaluate};
 use vdbake::field::{EDGE, Field, Lattice, Region, VOXELS};
 use vdbake::num::{Level, Real, WithLevel, with_level};
 use vdbake::scene::Scene;
-use vdbake::volume::Plan;
+use vdbake::volume::{Plan, Store, bake};
+
+use crate::kernel::{lattice, shipped};
 
 /// Tubes that lean, bend, widen, jump and end in every way.
 const TUBES: [&str; 7] = [
@@ -102,4 +104,18 @@ fn rows_that_are_left_out_hold_nothing_in_single_precision() {
         }
     }
     assert!(left_out > 100_000, "{left_out} lanes");
+}
+
+/// Where blocks are as long as the spans of an axis, they are not searched once for each that they touch: so the scenes' figures were
+/// 2.08, 2.00 and 1.85. Rows that are partly outside remain.
+#[test]
+fn coarse_blocks_are_searched_little_more_than_once() {
+    for (name, most) in [("tornado", 1.5), ("solar_flare", 1.65), ("galaxy", 1.8)] {
+        let field = Field::compile(&shipped(name));
+        let lattice = lattice(&field, 128.0);
+        let plan = Plan::new(&field, lattice, u64::MAX).expect("a plan");
+        let Ok((tally, _)) = bake(&field, &plan, 0.0, Level::best(), &mut Store::default(), |_| ());
+        let searched = tally.searched_voxels as f64 / tally.inside_voxels as f64;
+        assert!(searched < most, "{name}: {searched}");
+    }
 }
