@@ -8,8 +8,10 @@ use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
 
 /// Where the error of (u, v), and of the arc length in units of radius plus span, must stay below this.
 const TOLERANCE: f64 = 3e-7;
-/// How far past its core, in its lengths, a span is fitted: to the first at least, and on for as long as it holds.
-const PAST: [f64; 5] = [0.5, 0.7, 0.85, 1.0, 1.25];
+/// How far past its core, in its lengths, a span is fitted.
+const PAST: f64 = 0.5;
+/// And how far, for blocks that are long beside it, as long as that holds, too.
+const LONGER: [f64; 4] = [0.7, 0.85, 1.0, 1.25];
 /// A span is not halved more often than this: what is then left of a segment is too short to matter.
 const DEPTH: u32 = 40;
 /// Below this fraction of the largest radius there is no tube.
@@ -40,6 +42,8 @@ pub(crate) struct Span {
     pub(crate) radius: [f64; TERMS],
     /// What the density gains by the deformation, bending apart; `None` where that is nothing.
     pub(crate) gain: Option<[f64; TERMS]>,
+    /// The same core with a longer fit, where there is one. It errs more, if within the tolerance.
+    pub(crate) longer: Option<Box<Span>>,
 }
 
 /// How far the axis is from its place at tau = 0.
@@ -118,18 +122,18 @@ impl Axis<'_> {
         if self.radius.vanishes(places(core)) {
             return;
         }
-        let mut span = self.fit(segment, core, fit(PAST[0]));
-        let holds = |span: &Span| self.radius.lasts(places(span.fit)) && self.holds(segment, span);
-        if depth >= DEPTH || holds(&span) {
-            for longer in PAST[1..].iter().map(|past| fit(*past)) {
-                if longer == span.fit {
+        let mut span = self.fit(segment, core, fit(PAST));
+        let lasts = |span: &Span| self.radius.lasts(places(span.fit));
+        if depth >= DEPTH || (lasts(&span) && self.holds(segment, &span)) {
+            for fit in LONGER.map(fit) {
+                if fit == span.longer.as_ref().map_or(span.fit, |longer| longer.fit) {
                     break;
                 }
-                let longer = self.fit(segment, core, longer);
-                if !holds(&longer) {
+                let longer = self.fit(segment, core, fit);
+                if !lasts(&longer) || !self.holds(segment, &longer) {
                     break;
                 }
-                span = longer;
+                span.longer = Some(Box::new(longer));
             }
             spans.push(span);
             return;
@@ -168,6 +172,7 @@ impl Axis<'_> {
             radius: interpolate(&sections.each_ref().map(|s| s.radius)),
             gain: (self.conserved.is_some() || self.radius.is_widened())
                 .then(|| interpolate(&sections.each_ref().map(|s| s.gain))),
+            longer: None,
         }
     }
 

@@ -135,7 +135,9 @@ impl Tube {
         let step = segments.div_ceil(SAMPLE);
         let tried = (0..segments).step_by(step);
         let count = tried.clone().count();
-        let spans: usize = tried.map(|i| axis.spans(i, &breaks[i]).len()).sum();
+        let number =
+            |spans: &[Span]| spans.iter().map(|span| 1 + usize::from(span.longer.is_some())).sum::<usize>();
+        let spans: usize = tried.map(|i| number(&axis.spans(i, &breaks[i]))).sum();
         segments * (size_of::<Box<[Span]>>() + spans * size_of::<Span>() / count.max(1))
     }
 
