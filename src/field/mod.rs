@@ -181,8 +181,8 @@ pub struct Field {
 impl Field {
     /// Compiles the scene as it is at its time. Stages that it does not use are left out.
     pub fn compile(scene: &Scene) -> Field {
-        let tubes = scene.tubes().iter().map(Tube::compile).collect();
         let bake = scene.bake();
+        let tubes = scene.tubes().iter().map(|tube| Tube::compile(tube, bake.octave_fade)).collect();
         Field {
             tubes,
             overlap: scene.overlap(),

@@ -186,8 +186,7 @@ impl Field {
         region.intervals = found;
     }
 
-    /// Divides the interval into as few pieces as spans hold of it: where octaves fade that voxels do not resolve, so that no noise is
-    /// fine beside a block, their longer fits, too.
+    /// Divides the interval into as few pieces as spans hold of it.
     fn spans<T: Scalar>(
         &self,
         tube: &Tube,
@@ -204,7 +203,7 @@ impl Field {
             if start > end || (start == end && end > interval.t[0]) {
                 break;
             }
-            let (span, count) = longest(rest, [start, end], self.octave_fade);
+            let (span, count) = longest(rest, [start, end]);
             let t = [start, end.min(rest[count - 1].core[1])];
             self.piece(tube, segment, span, Interval { t, ..interval }, block, region);
             rest = &rest[count..];
@@ -491,29 +490,14 @@ fn are_cubic(base: &[f64; ROWS], slope: &[[f64; ROWS]; 3]) -> bool {
     })
 }
 
-/// Of spans, or else of their longer fits if those will do, the one that holds most of an interval that begins on the first one's core, and how many
-/// cores it holds there; among equals the one whose middle is nearest.
-fn longest(spans: &[Span], t: [f64; 2], with_longer: bool) -> (&Span, usize) {
+/// Of spans the one that holds most of an interval that begins on the first one's core, and how many cores it holds there; among
+/// equals the one whose middle is nearest.
+fn longest(spans: &[Span], t: [f64; 2]) -> (&Span, usize) {
+    let mut best = (&spans[0], 0, f64::INFINITY);
     let near = spans.iter().take_while(|span| span.core[0] <= t[1]);
-    let (best, held) = holds_most(near.clone(), spans, t).unwrap_or((&spans[0], 1));
-    if with_longer && held < near.clone().count() {
-        let longer = near.filter_map(|span| span.longer.as_deref());
-        if let Some((longer, more)) = holds_most(longer, spans, t).filter(|(_, more)| *more > held) {
-            return (longer, more);
-        }
-    }
-    (best, held)
-}
-
-fn holds_most<'a>(
-    among: impl Iterator<Item = &'a Span>,
-    cores: &[Span],
-    t: [f64; 2],
-) -> Option<(&'a Span, usize)> {
-    let (mut best, mut most, mut nearest) = (None, 0, f64::INFINITY);
-    for span in among.filter(|span| span.fit[0] <= t[0]) {
-        let (mut end, mut count) = (cores[0].core[0], 0);
-        for next in cores {
+    for span in near.filter(|span| span.fit[0] <= t[0]) {
+        let (mut end, mut count) = (spans[0].core[0], 0);
+        for next in spans {
             // Where there is no tube there are no spans.
             let follows = next.core[0] == end && end <= t[1];
             if !follows || next.core[1].min(t[1]) > span.fit[1] {
@@ -522,11 +506,11 @@ fn holds_most<'a>(
             (end, count) = (next.core[1], count + 1);
         }
         let distance = (span.middle - 0.5 * (t[0] + end.min(t[1]))).abs();
-        if count > most || (count == most && count > 0 && distance < nearest) {
-            (best, most, nearest) = (Some(span), count, distance);
+        if count > best.1 || (count == best.1 && distance < best.2) {
+            best = (span, count, distance);
         }
     }
-    best.map(|best| (best, most))
+    (best.0, best.1)
 }
 
 /// Sorts the pieces along the axis, each with its arc length from that of the first; a closed axis is cut opposite to that.

@@ -10,7 +10,7 @@ use crate::num::poly::{NODES, TERMS, evaluate, interpolate, substitute};
 const TOLERANCE: f64 = 3e-7;
 /// How far past its core, in its lengths, a span is fitted.
 const PAST: f64 = 0.5;
-/// And how far, for blocks that are long beside it, as long as that holds, too.
+/// And on to these where long fits are asked for, as far as they hold.
 const LONGER: [f64; 4] = [0.7, 0.85, 1.0, 1.25];
 /// A span is not halved more often than this: what is then left of a segment is too short to matter.
 const DEPTH: u32 = 40;
@@ -42,8 +42,6 @@ pub(crate) struct Span {
     pub(crate) radius: [f64; TERMS],
     /// What the density gains by the deformation, bending apart; `None` where that is nothing.
     pub(crate) gain: Option<[f64; TERMS]>,
-    /// The same core with a longer fit, where there is one. It errs more, if within the tolerance.
-    pub(crate) longer: Option<Box<Span>>,
 }
 
 /// How far the axis is from its place at tau = 0.
@@ -57,6 +55,9 @@ pub(crate) struct Axis<'a> {
     pub(crate) radius: &'a Radius,
     /// Where density is conserved: the square of the radius at which it is as at rest.
     pub(crate) conserved: Option<f64>,
+    /// Whether spans are fitted as far as they hold, so that even blocks that are long beside them rarely need two: they err more
+    /// then, if within the tolerance.
+    pub(crate) is_long: bool,
 }
 
 /// The tube's cross-section at one place.
@@ -123,17 +124,18 @@ impl Axis<'_> {
             return;
         }
         let mut span = self.fit(segment, core, fit(PAST));
-        let lasts = |span: &Span| self.radius.lasts(places(span.fit));
-        if depth >= DEPTH || (lasts(&span) && self.holds(segment, &span)) {
-            for fit in LONGER.map(fit) {
-                if fit == span.longer.as_ref().map_or(span.fit, |longer| longer.fit) {
+        let holds = |span: &Span| self.radius.lasts(places(span.fit)) && self.holds(segment, span);
+        if depth >= DEPTH || holds(&span) {
+            let longer = if self.is_long { &LONGER[..] } else { &[] };
+            for fit in longer.iter().map(|past| fit(*past)) {
+                if fit == span.fit {
                     break;
                 }
                 let longer = self.fit(segment, core, fit);
-                if !lasts(&longer) || !self.holds(segment, &longer) {
+                if !holds(&longer) {
                     break;
                 }
-                span.longer = Some(Box::new(longer));
+                span = longer;
             }
             spans.push(span);
             return;
@@ -172,7 +174,6 @@ impl Axis<'_> {
             radius: interpolate(&sections.each_ref().map(|s| s.radius)),
             gain: (self.conserved.is_some() || self.radius.is_widened())
                 .then(|| interpolate(&sections.each_ref().map(|s| s.gain))),
-            longer: None,
         }
     }
 

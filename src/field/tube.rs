@@ -25,6 +25,8 @@ pub(crate) struct Tube {
     pub(crate) curve: Curve,
     pub(crate) radius: Radius,
     /// Spans of each segment; copies share them.
+    /// Whether spans are fitted as far as they hold.
+    pub(crate) is_long: bool,
     pub(crate) spans: Arc<[Box<[Span]>]>,
     /// The ends and corners where feet gather: `None` where there are none.
     pub(crate) points: Vec<Point>,
@@ -75,7 +77,8 @@ pub(crate) enum LayerKind {
 }
 
 impl Tube {
-    pub(crate) fn compile(tube: &scene::Tube) -> Tube {
+    /// Where octaves fade that voxels do not resolve, no noise is fine beside a block: spans may then be as long as they hold.
+    pub(crate) fn compile(tube: &scene::Tube, octave_fade: bool) -> Tube {
         let turns = [tube.turned - (tube.turned + 0.5).floor(), tube.twist / tube.curve.length()];
         let is_turned = turns != [0.0; 2] && tube.layers.iter().any(|layer| !is_round(&layer.pattern));
         let around = tube.curve.is_closed().then(|| if tube.stretch { 1.0 } else { tube.curve.length() });
@@ -84,6 +87,7 @@ impl Tube {
             name: tube.name.clone(),
             curve: tube.curve.clone(),
             radius: Radius::new(&tube.radius),
+            is_long: octave_fade,
             spans: Arc::new([]),
             points: Vec::new(),
             caps: tube.caps,
@@ -111,7 +115,12 @@ impl Tube {
 
     /// Lays spans and points along the curve.
     fn lay(&mut self) {
-        let axis = Axis { curve: &self.curve, radius: &self.radius, conserved: self.conserved };
+        let axis = Axis {
+            curve: &self.curve,
+            radius: &self.radius,
+            conserved: self.conserved,
+            is_long: self.is_long,
+        };
         let breaks = breaks(&self.curve, &self.radius);
         // What was laid before is not held beside it.
         self.spans = Arc::new([]);
@@ -129,15 +138,13 @@ impl Tube {
     pub(super) fn estimate_memory(tube: &scene::Tube) -> usize {
         const SAMPLE: usize = 256;
         let (curve, radius) = (&tube.curve, Radius::new(&tube.radius));
-        let axis = Axis { curve, radius: &radius, conserved: None };
+        let axis = Axis { curve, radius: &radius, conserved: None, is_long: false };
         let breaks = breaks(curve, &radius);
         let segments = curve.segments().len();
         let step = segments.div_ceil(SAMPLE);
         let tried = (0..segments).step_by(step);
         let count = tried.clone().count();
-        let number =
-            |spans: &[Span]| spans.iter().map(|span| 1 + usize::from(span.longer.is_some())).sum::<usize>();
-        let spans: usize = tried.map(|i| number(&axis.spans(i, &breaks[i]))).sum();
+        let spans: usize = tried.map(|i| axis.spans(i, &breaks[i]).len()).sum();
         segments * (size_of::<Box<[Span]>>() + spans * size_of::<Span>() / count.max(1))
     }
 
