@@ -24,9 +24,9 @@ pub(crate) struct Tube {
     pub(crate) name: String,
     pub(crate) curve: Curve,
     pub(crate) radius: Radius,
-    /// Spans of each segment; copies share them.
     /// Whether spans are fitted as far as they hold.
     pub(crate) is_long: bool,
+    /// Spans of each segment; copies share them.
     pub(crate) spans: Arc<[Box<[Span]>]>,
     /// The ends and corners where feet gather: `None` where there are none.
     pub(crate) points: Vec<Point>,
