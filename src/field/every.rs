@@ -4,19 +4,15 @@
 //! to interpolate between. Here (u, v, l) and the foot are linear between such *nodes* where both have a foot on the same piece
 //! of an axis, so the error is of order 2 in their distance; elsewhere every place is mapped.
 
+use super::VOXELS;
+use super::batch::{BATCH, BATCHES, Batches};
 use super::feet::{Rows, across, newton};
 use super::join;
 use super::kernel::{self, Counts, Places, Scratch, along, envelope, map, pack, turned};
 use super::layers::{layers, pack_places};
 use super::region::{FOOT, Piece, Region, Search, U, V};
-use super::{EDGE, VOXELS};
 use crate::num::Real;
 use crate::num::poly::TERMS;
-
-/// Lanes that a bit of the nodes stands for.
-const BATCH: usize = 16;
-/// Batches of a block.
-const BATCHES: usize = VOXELS / BATCH;
 
 /// As [`kernel::evaluate`], at so many places of a block, where the places of each lane go on from a batch of 16 to the next along
 /// a line. Bit i of `nodes` says whether batch i is mapped; the first and the last of each line are.
@@ -37,7 +33,7 @@ pub fn evaluate<R: Real>(
         return kernel::evaluate::<R>(token, region, places, scratch, values);
     }
     let mut counts = Counts::default();
-    values.fill(R::Scalar::default());
+    scratch.block.clear();
     let batches = count.div_ceil(BATCH).min(BATCHES);
     for piece in &region.pieces {
         let found = match piece.search {
@@ -49,24 +45,19 @@ pub fn evaluate<R: Real>(
         let packed = match found {
             Some(packed) => packed,
             None => {
-                let rows = kernel::first_rows(count);
-                map::<R>(token, piece, places, rows, false, scratch, &mut counts)
+                let near = Batches::first(count);
+                map::<R>(token, piece, places, near, false, scratch, &mut counts)
             }
         };
         if piece.in_world {
             pack_places::<R>(token, places, scratch);
         }
         layers::<R>(token, region, piece.layers, scratch, packed);
-        join::larger::<R>(token, scratch, values);
+        join::larger::<R>(token, scratch);
         counts.inside += packed as u64;
     }
+    *values = *scratch.block.all();
     counts
-}
-
-/// The rows of a batch.
-#[inline(always)]
-fn rows_of(batch: usize) -> u64 {
-    ((1 << (BATCH / EDGE)) - 1) << (batch * (BATCH / EDGE))
 }
 
 /// Coordinates and envelope at all places of a piece, packed; `None` where some foot is not found.
@@ -80,26 +71,21 @@ fn between<R: Real>(
     scratch: &mut Scratch<R::Scalar>,
     counts: &mut Counts,
 ) -> Option<usize> {
-    let mut rows = 0;
-    for batch in 0..batches {
-        if nodes >> batch & 1 == 1 {
-            rows |= rows_of(batch);
-        }
-    }
+    let mapped = Batches(nodes & Batches::first(batches * BATCH).0);
     let all = !0_u32 >> (32 - BATCH);
     let mut valid = [0_u32; BATCHES];
-    exactly::<R>(token, piece, places, rows, scratch, counts, &mut valid)?;
+    exactly::<R>(token, piece, places, mapped, scratch, counts, &mut valid)?;
     // What is not between two feet of this piece.
-    let mut rest = 0;
+    let mut rest = Batches::first(0);
     let mut first = 0;
     for batch in 0..batches {
         if nodes >> batch & 1 == 1 {
             first = batch;
         } else if valid[first] & valid[next(nodes, batch)] != all {
-            rest |= rows_of(batch);
+            rest.add(batch);
         }
     }
-    if rest != 0 {
+    if !rest.are_none() {
         exactly::<R>(token, piece, places, rest, scratch, counts, &mut valid)?;
     }
     let (one, mut packed, mut first) = (R::constant(token, 1.0), 0, 0);
@@ -112,7 +98,7 @@ fn between<R: Real>(
         if is_node {
             first = batch;
         }
-        let is_exact = is_node || rest & rows_of(batch) != 0;
+        let is_exact = is_node || rest.have(batch);
         let (from, to) = if is_exact { (batch, batch) } else { (first, next(nodes, batch)) };
         let lanes = valid[from] & valid[to];
         if lanes == 0 {
@@ -163,18 +149,18 @@ fn mix<R: Real>(a: R, b: R, part: R) -> R {
     a + (b - a) * part
 }
 
-/// Coordinates at the places of some rows, and which of them have a foot.
+/// Coordinates at the places of some batches, and which of them have a foot.
 #[inline(always)]
 fn exactly<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
-    near: u64,
+    near: Batches,
     scratch: &mut Scratch<R::Scalar>,
     counts: &mut Counts,
     valid: &mut [u32; BATCHES],
 ) -> Option<()> {
-    counts.searched += u64::from(near.count_ones()) * EDGE as u64;
+    counts.searched += near.voxels();
     let settled = match piece.search {
         Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, near, scratch),
         _ => newton::<R, false>(token, piece, places, near, scratch),
@@ -186,7 +172,7 @@ fn exactly<R: Real>(
     let (lo, hi) = (R::splat(token, piece.range[0]), R::splat(token, piece.range[1]));
     for (batch, valid) in valid.iter_mut().enumerate() {
         let index = batch * BATCH;
-        if near & rows_of(batch) == 0 {
+        if !near.have(batch) {
             continue;
         }
         let eta = R::load(token, scratch.eta.part(index));

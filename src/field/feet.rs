@@ -1,8 +1,7 @@
 //! Feet: where each voxel of a block has its nearest place on a piece of an axis.
 
-use super::EDGE;
+use super::batch::{self, BATCH, BATCHES, Batches};
 use super::kernel::{Places, Scratch};
-use super::near::Batches;
 use super::region::{FOOT, Piece, ROWS, U, V};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
@@ -18,19 +17,23 @@ const PAST: f64 = 1.25;
 /// Parameter of a voxel that has no foot in the piece.
 const NO_FOOT: f64 = 1e30;
 
+/// Batches in a layer of a block, across x.
+const IN_LAYER: usize = BATCHES / 4;
+
 /// The rows of a piece's table for one batch of lanes after another.
 pub(super) struct Rows<'a, R: Real> {
     piece: &'a Piece<R::Scalar>,
     places: Places<'a, R::Scalar>,
-    /// What each lane of a batch adds to the table: batches are whole rows of z, or parts of one.
+    /// 0, 1, and so on.
+    number: R,
+    /// What each lane adds to the table.
     lanes: [R; ROWS],
-    /// The plane of x that the batch lies in, and the table there where y and z are 0, lane by lane.
-    plane: usize,
-    in_plane: [R; ROWS],
-    /// What a plane's rows of z add, each at its first voxel; the row where the batch begins, and its place there.
-    steps: [[R::Scalar; ROWS]; EDGE],
-    row: usize,
-    place: R::Scalar,
+    /// The layer of batches that a batch lies in, and the table there where y and z are 0, lane by lane.
+    layer: usize,
+    in_layer: [R; ROWS],
+    /// What a layer's batches add, each at its first voxel, and which of them is the batch's.
+    steps: [[R::Scalar; ROWS]; IN_LAYER],
+    step: usize,
 }
 
 impl<'a, R: Real> Rows<'a, R> {
@@ -50,27 +53,30 @@ impl<'a, R: Real> Rows<'a, R> {
         let mut rows = Rows {
             piece,
             places,
+            number: R::load(token, numbers),
             lanes: [zero; ROWS],
-            plane: usize::MAX,
-            in_plane: [zero; ROWS],
-            steps: [[R::Scalar::default(); ROWS]; EDGE],
-            row: 0,
-            place: R::Scalar::default(),
+            layer: usize::MAX,
+            in_layer: [zero; ROWS],
+            steps: [[R::Scalar::default(); ROWS]; IN_LAYER],
+            step: 0,
         };
-        if let Places::Centres = places {
-            let number = R::load(token, numbers);
-            let y = (number * R::constant(token, 0.125)).floor();
-            let z = number - y * R::constant(token, 8.0);
-            let [_, along_y, along_z] = &piece.slope;
+        if let Places::Centres = places
+            && R::LANES == BATCH
+        {
+            let [x, y, z] = batch::within(token, 0, rows.number);
+            let [along_x, along_y, along_z] = &piece.slope;
             for k in 0..ROWS {
-                rows.lanes[k] = y * R::splat(token, along_y[k]) + z * R::splat(token, along_z[k]);
+                rows.lanes[k] = x * R::splat(token, along_x[k])
+                    + y * R::splat(token, along_y[k])
+                    + z * R::splat(token, along_z[k]);
             }
-            for row in (0..EDGE).step_by((R::LANES / EDGE).max(1)) {
-                let y = R::constant(token, row as f64 - 3.5);
+            for step in 0..IN_LAYER {
+                let [_, y, z] = batch::corner(step);
+                let y = R::constant(token, y as f64 - 3.5);
+                let z = R::constant(token, z as f64 - 3.5);
                 for k in (0..ROWS).step_by(R::LANES) {
                     let (by_y, by_z) = (R::load(token, &along_y[k..]), R::load(token, &along_z[k..]));
-                    let step = by_y * y + by_z * R::constant(token, -3.5);
-                    step.store(&mut rows.steps[row][k..]);
+                    (by_y * y + by_z * z).store(&mut rows.steps[step][k..]);
                 }
             }
         }
@@ -86,42 +92,40 @@ impl<'a, R: Real> Rows<'a, R> {
     )]
     pub(super) fn go<const FROM: usize, const TO: usize>(&mut self, token: R::Token, index: usize) {
         let slope = &self.piece.slope;
-        match self.places {
-            Places::Centres => {
-                let plane = index / (EDGE * EDGE);
-                if plane != self.plane {
-                    let x = R::constant(token, plane as f64 - 3.5);
+        let [x, y, z] = match self.places {
+            Places::Centres if R::LANES == BATCH => {
+                let layer = index / (BATCH * IN_LAYER);
+                if layer != self.layer {
+                    let x = R::constant(token, batch::corner(layer * IN_LAYER)[0] as f64 - 3.5);
                     let mut at = [R::Scalar::default(); ROWS];
                     for k in (0..ROWS).step_by(R::LANES) {
                         let (base, by_x) = (&self.piece.base[k..], &slope[0][k..]);
                         (R::load(token, base) + R::load(token, by_x) * x).store(&mut at[k..]);
                     }
                     for k in FROM..TO {
-                        self.in_plane[k] = self.lanes[k] + R::splat(token, at[k]);
+                        self.in_layer[k] = self.lanes[k] + R::splat(token, at[k]);
                     }
-                    self.plane = plane;
+                    self.layer = layer;
                 }
-                self.row = index / EDGE % EDGE;
-                self.place = R::Scalar::from_f64((index % EDGE) as f64);
+                self.step = index / BATCH % IN_LAYER;
+                return;
             }
+            Places::Centres => batch::centres(token, index, self.number),
             Places::Points([x, y, z]) => {
-                let x = R::load(token, &x[index..]);
-                let y = R::load(token, &y[index..]);
-                let z = R::load(token, &z[index..]);
-                for k in FROM..TO {
-                    self.in_plane[k] = R::splat(token, self.piece.base[k])
-                        + (x * R::splat(token, slope[0][k])
-                            + y * R::splat(token, slope[1][k])
-                            + z * R::splat(token, slope[2][k]));
-                }
+                [R::load(token, &x[index..]), R::load(token, &y[index..]), R::load(token, &z[index..])]
             }
+        };
+        for k in FROM..TO {
+            self.in_layer[k] = R::splat(token, self.piece.base[k])
+                + (x * R::splat(token, slope[0][k])
+                    + y * R::splat(token, slope[1][k])
+                    + z * R::splat(token, slope[2][k]));
         }
     }
 
     #[inline(always)]
     pub(super) fn row(&self, token: R::Token, k: usize) -> R {
-        let row = self.in_plane[k] + R::splat(token, self.steps[self.row][k]);
-        if R::LANES < EDGE { row + R::splat(token, self.piece.slope[2][k] * self.place) } else { row }
+        self.in_layer[k] + R::splat(token, self.steps[self.step][k])
     }
 }
 
@@ -169,13 +173,13 @@ impl<R: Real> Equation<R> {
 }
 
 /// Feet by Newton's method, where the piece holds at most one for every voxel; false where some voxel's did not settle. Of
-/// the rows `near` only.
+/// the batches `near` only.
 #[inline(always)]
 pub(super) fn newton<R: Real, const CUBIC: bool>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
-    near: u64,
+    mut near: Batches,
     scratch: &mut Scratch<R::Scalar>,
 ) -> bool {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -184,8 +188,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     let (lo, hi) = (R::constant(token, -PAST), R::constant(token, PAST));
     let tolerance = R::splat(token, piece.tolerance);
     let no_foot = R::constant(token, NO_FOOT);
-    let mut batches = Batches::of::<R>(near);
-    while let Some([start, end]) = batches.take::<R>() {
+    while let Some([start, end]) = near.take() {
         for index in (start..end).step_by(R::LANES) {
             rows.go::<FOOT, ROWS>(token, index);
             let equation = Equation::new(token, &rows);
@@ -215,7 +218,7 @@ pub(super) fn newton<R: Real, const CUBIC: bool>(
     true
 }
 
-/// Feet by bisection, of the rows `near`: where the equation changes from negative to positive along the piece, if it does.
+/// Feet by bisection, of the batches `near`: where the equation changes from negative to positive along the piece, if it does.
 ///
 /// For certified pieces that is the one foot. Uncertified ones are so short that of two feet either stands for both.
 #[inline(always)]
@@ -223,7 +226,7 @@ pub(super) fn bracket<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
-    near: u64,
+    mut near: Batches,
     scratch: &mut Scratch<R::Scalar>,
 ) {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
@@ -231,8 +234,7 @@ pub(super) fn bracket<R: Real>(
     let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
     let one = R::constant(token, 1.0);
     let no_foot = R::constant(token, NO_FOOT);
-    let mut batches = Batches::of::<R>(near);
-    while let Some([start, end]) = batches.take::<R>() {
+    while let Some([start, end]) = near.take() {
         for index in (start..end).step_by(R::LANES) {
             rows.go::<U, { FOOT + 3 }>(token, index);
             let equation = Equation::new(token, &rows);

@@ -5,7 +5,7 @@
 //! pieces of a tube come in order along its axis, so a foot that is found again follows its first finding.
 
 use super::VOXELS;
-use super::kernel::Scratch;
+use super::kernel::{Lanes, Scratch};
 use super::region::Tube;
 use crate::num::{Real, Scalar};
 use crate::scene::Overlap;
@@ -88,11 +88,8 @@ pub(super) fn open<T: Scalar>(joint: &mut Joint<T>) {
 
 /// Unpacks the densities of a piece and keeps the larger of them and what the block holds.
 #[inline(always)]
-pub(super) fn larger<R: Real>(
-    token: R::Token,
-    scratch: &Scratch<R::Scalar>,
-    values: &mut [R::Scalar; VOXELS],
-) {
+pub(super) fn larger<R: Real>(token: R::Token, scratch: &mut Scratch<R::Scalar>) {
+    let values = &mut scratch.block;
     let mut first = 0;
     for index in (0..VOXELS).step_by(R::LANES) {
         let bits = scratch.inside[index / R::LANES];
@@ -101,8 +98,8 @@ pub(super) fn larger<R: Real>(
             if bits.count_ones() as usize != R::LANES {
                 density = density.expand(R::from_bitmask(token, bits));
             }
-            let held = R::load(token, &values[index..]);
-            density.most(held).store(&mut values[index..]);
+            let held = R::load(token, values.part(index));
+            density.most(held).store(values.part_mut(index));
             first += bits.count_ones() as usize;
         }
     }
@@ -179,7 +176,7 @@ pub(super) fn close<R: Real>(
     own: Overlap,
     rule: Overlap,
     joint: &mut Joint<R::Scalar>,
-    values: &mut [R::Scalar; VOXELS],
+    values: &mut Lanes<R::Scalar>,
 ) {
     let zero = R::constant(token, 0.0);
     for index in (0..VOXELS).step_by(R::LANES) {
@@ -194,7 +191,7 @@ pub(super) fn close<R: Real>(
         if own == Overlap::Blend {
             value = mean(token, value, weight);
         }
-        let held = R::load(token, &values[index..]);
+        let held = R::load(token, values.part(index));
         let joined = match rule {
             Overlap::Max => held.most(R::select(mask, value, zero)),
             Overlap::Sum => held + R::select(mask, value, zero),
@@ -211,7 +208,7 @@ pub(super) fn close<R: Real>(
                 held + weight * value
             }
         };
-        joined.store(&mut values[index..]);
+        joined.store(values.part_mut(index));
     }
 }
 
@@ -221,17 +218,17 @@ pub(super) fn finish<R: Real>(
     token: R::Token,
     rule: Overlap,
     joint: &Joint<R::Scalar>,
-    values: &mut [R::Scalar; VOXELS],
+    values: &mut Lanes<R::Scalar>,
 ) -> [u64; 2] {
     let zero = R::constant(token, 0.0);
     let mut counts = [0; 2];
     for index in (0..VOXELS).step_by(R::LANES) {
         let batch = index / R::LANES;
-        let mut value = R::load(token, &values[index..]);
+        let mut value = R::load(token, values.part(index));
         if rule == Overlap::Blend {
             value = mean(token, value, R::load(token, &joint.all.weight[index..]));
         }
-        value.most(zero).store(&mut values[index..]);
+        value.most(zero).store(values.part_mut(index));
         counts[0] += u64::from(joint.several[batch].count_ones());
         counts[1] += u64::from(joint.beyond[batch].count_ones());
     }

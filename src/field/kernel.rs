@@ -1,6 +1,6 @@
 //! The density of a block of voxels: the one kernel, written over [`Real`].
 //!
-//! Each piece of a [`Region`] is worked through in three passes over those rows of the block's voxels that may have feet on
+//! Each piece of a [`Region`] is worked through in three passes over those batches of the block's voxels that may have feet on
 //! it, so that the first pass's chains of dependent operations overlap, and so that the last and dearest pass runs over
 //! full lanes only:
 //!
@@ -8,12 +8,13 @@
 //! 2. *coordinates*: (u, v, l) and the envelope there; voxels outside the tube drop out, the rest are packed;
 //! 3. *layers*: the pattern over the packed voxels; of a pattern with a threshold the last octaves only where they may reach it.
 
+use super::VOXELS;
+use super::batch::{self, Batches};
 use super::feet::{Equation, Rows, across, bracket, newton};
 use super::join::{self, Joint};
 use super::layers::{Rest, layers, pack_places};
-use super::near::{self, Batches};
+use super::near;
 use super::region::{FOOT, Piece, ROWS, Region, SECOND, Search, Turn, U, V};
-use super::{EDGE, VOXELS};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
 use crate::scene::Radial;
@@ -26,7 +27,7 @@ const ROOM: usize = VOXELS + 16;
 /// Where the density of a block is evaluated.
 #[derive(Debug, Clone, Copy)]
 pub enum Places<'a, T> {
-    /// The centres of the block's voxels, z fastest.
+    /// The centres of the block's voxels; their densities lie z fastest.
     Centres,
     /// Points of the block: x, y and z in voxels from its centre. They are as many as there are voxels, or fewer, a whole
     /// number of batches of 16: the density at others is 0.
@@ -56,8 +57,16 @@ impl<T> Lanes<T> {
     }
 
     /// All of them.
-    pub(super) fn all(&self) -> &[T] {
-        &self.0[..VOXELS]
+    #[inline(always)]
+    pub(super) fn all(&self) -> &[T; VOXELS] {
+        self.0.first_chunk().expect("room for a block")
+    }
+}
+
+impl<T: Scalar> Lanes<T> {
+    #[inline(always)]
+    pub(super) fn clear(&mut self) {
+        self.0.fill(T::default());
     }
 }
 
@@ -81,6 +90,8 @@ pub struct Scratch<T> {
     /// The focal fade: only where feet are told apart.
     pub(super) focal: Lanes<T>,
     pub(super) joint: Joint<T>,
+    /// The densities found so far, in the order of the places.
+    pub(super) block: Lanes<T>,
     /// Place in voxels from the block's centre: only where layers ask for it.
     pub(super) place: [Lanes<T>; 3],
     /// The layers' joint value, and the pattern of one.
@@ -108,6 +119,7 @@ impl<T: Scalar> Default for Scratch<T> {
             rest: Rest::default(),
             focal: room(),
             joint: Joint::default(),
+            block: room(),
             place: [room(), room(), room()],
             value: room(),
             pattern: room(),
@@ -155,10 +167,7 @@ pub fn evaluate<R: Real>(
     values: &mut [R::Scalar; VOXELS],
 ) -> Counts {
     let mut counts = Counts::default();
-    let zero = R::Scalar::default();
-    for value in values.iter_mut() {
-        *value = zero;
-    }
+    scratch.block.clear();
     let apart = region.join.is_some();
     if apart {
         join::begin(&mut scratch.joint);
@@ -168,14 +177,14 @@ pub fn evaluate<R: Real>(
             join::open(&mut scratch.joint);
         }
         for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
-            let rows = match places {
-                Places::Centres => near::rows::<R>(token, &piece.near, &scratch.numbers),
-                Places::Points([x, ..]) => first_rows(x.len()),
+            let near = match places {
+                Places::Centres => near::batches::<R>(token, &piece.near, &scratch.numbers),
+                Places::Points([x, ..]) => Batches::first(x.len()),
             };
-            if rows == 0 {
+            if near.are_none() {
                 continue;
             }
-            let packed = map::<R>(token, piece, places, rows, apart, scratch, &mut counts);
+            let packed = map::<R>(token, piece, places, near, apart, scratch, &mut counts);
             if piece.in_world {
                 pack_places::<R>(token, places, scratch);
             }
@@ -183,34 +192,37 @@ pub fn evaluate<R: Real>(
             if apart {
                 join::feet::<R>(token, tube, piece.arc, scratch);
             } else {
-                join::larger::<R>(token, scratch, values);
+                join::larger::<R>(token, scratch);
             }
             counts.inside += packed as u64;
         }
         if let Some(rule) = region.join {
-            join::close::<R>(token, tube.overlap, rule, &mut scratch.joint, values);
+            join::close::<R>(token, tube.overlap, rule, &mut scratch.joint, &mut scratch.block);
         }
     }
     if let Some(rule) = region.join {
-        [counts.several, counts.beyond] = join::finish::<R>(token, rule, &scratch.joint, values);
+        [counts.several, counts.beyond] = join::finish::<R>(token, rule, &scratch.joint, &mut scratch.block);
+    }
+    match places {
+        Places::Centres => batch::in_order::<R>(token, &scratch.block, values),
+        Places::Points(_) => *values = *scratch.block.all(),
     }
     counts
 }
 
-/// The first two passes: coordinates and envelope of the voxels inside, packed; returns their number. Of the rows `near`
-/// only.
+/// The first two passes: coordinates and envelope of the voxels inside, packed; returns their number. Of the batches
+/// `near` only.
 #[inline(always)]
 pub(super) fn map<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
-    near: u64,
+    near: Batches,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
     counts: &mut Counts,
 ) -> usize {
-    let searched = Batches::of::<R>(near).lanes::<R>();
-    counts.searched += searched;
+    counts.searched += near.voxels();
     let settled = match piece.search {
         Search::Point { is_corner } => {
             return at_point::<R>(token, piece, places, near, is_corner, apart, scratch);
@@ -220,7 +232,7 @@ pub(super) fn map<R: Real>(
         Search::Bracket => false,
     };
     if !settled {
-        counts.bisected += searched;
+        counts.bisected += near.voxels();
         bracket::<R>(token, piece, places, near, scratch);
     }
     if piece.is_cubic {
@@ -230,21 +242,14 @@ pub(super) fn map<R: Real>(
     }
 }
 
-/// The rows that hold the first places of a block.
-#[inline(always)]
-pub(super) fn first_rows(count: usize) -> u64 {
-    let rows = count.div_ceil(EDGE);
-    if rows >= VOXELS / EDGE { u64::MAX } else { (1 << rows) - 1 }
-}
-
-/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the rows `near` only.
+/// Cylinder coordinates and envelope at the feet; packs the voxels inside and returns their number. Of the batches `near` only.
 /// The piece's polynomials have `N` terms.
 #[inline(always)]
 fn coordinates<R: Real, const N: usize>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
-    near: u64,
+    mut near: Batches,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
 ) -> usize {
@@ -253,8 +258,7 @@ fn coordinates<R: Real, const N: usize>(
     let one = R::constant(token, 1.0);
     let mut packed = 0;
     scratch.inside[..VOXELS / R::LANES].fill(0);
-    let mut batches = Batches::of::<R>(near);
-    while let Some([start, end]) = batches.take::<R>() {
+    while let Some([start, end]) = near.take() {
         for index in (start..end).step_by(R::LANES) {
             let eta = R::load(token, scratch.eta.part(index));
             let in_range = R::and(lo.le(eta), eta.le(hi));
@@ -309,7 +313,7 @@ fn at_point<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
-    near: u64,
+    mut near: Batches,
     is_corner: bool,
     apart: bool,
     scratch: &mut Scratch<R::Scalar>,
@@ -321,8 +325,7 @@ fn at_point<R: Real>(
     let radius = R::splat(token, piece.radius[0]);
     let mut packed = 0;
     scratch.inside[..VOXELS / R::LANES].fill(0);
-    let mut batches = Batches::of::<R>(near);
-    while let Some([start, end]) = batches.take::<R>() {
+    while let Some([start, end]) = near.take() {
         for index in (start..end).step_by(R::LANES) {
             rows.go::<U, ROWS>(token, index);
             let (mut u, mut v) = (rows.row(token, U), rows.row(token, V));

@@ -1,23 +1,21 @@
 //! Layers in the kernel.
 
+use super::VOXELS;
+use super::batch::centres;
 use super::kernel::{Lanes, Places, Scratch};
 use super::region::{Layer, LayerKind, Octave, Region, Sum};
-use super::{EDGE, VOXELS};
 use crate::noise::{Cell, band_weight};
 use crate::num::{Real, Scalar};
 use crate::scene::Op;
 
 /// Packs the places, in voxels from the block's centre, of the voxels inside.
 #[inline(always)]
-#[allow(clippy::cast_precision_loss, reason = "indices below 512")]
 pub(super) fn pack_places<R: Real>(
     token: R::Token,
     places: Places<R::Scalar>,
     scratch: &mut Scratch<R::Scalar>,
 ) {
     let number = R::load(token, &scratch.numbers);
-    let y = (number * R::constant(token, 0.125)).floor();
-    let z = number - y * R::constant(token, 8.0);
     let mut packed = 0;
     for index in (0..VOXELS).step_by(R::LANES) {
         let bits = scratch.inside[index / R::LANES];
@@ -25,12 +23,7 @@ pub(super) fn pack_places<R: Real>(
             continue;
         }
         let place = match places {
-            Places::Centres => {
-                let x = R::Scalar::from_f64((index / (EDGE * EDGE)) as f64 - 3.5);
-                let first_y = R::Scalar::from_f64((index / EDGE % EDGE) as f64 - 3.5);
-                let first_z = R::Scalar::from_f64((index % EDGE) as f64 - 3.5);
-                [R::splat(token, x), R::splat(token, first_y) + y, R::splat(token, first_z) + z]
-            }
+            Places::Centres => centres(token, index, number),
             Places::Points([x, y, z]) => {
                 [R::load(token, &x[index..]), R::load(token, &y[index..]), R::load(token, &z[index..])]
             }

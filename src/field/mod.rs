@@ -105,6 +105,7 @@
 //! re-centred on the block, so that single precision suffices wherever the block lies and however large the scene is.
 //! [`kernel`] then works through all voxels of the block.
 
+mod batch;
 mod bound;
 mod bounds;
 mod cover;

@@ -1,14 +1,14 @@
-//! Which rows of a block's voxels may have feet on a piece of an axis: the others are not searched.
+//! Which batches of a block's voxels may have feet on a piece of an axis: the others are not searched.
 
 use glam::DVec3;
 
-use super::EDGE;
+use super::batch::{BATCHES, Batches, HALF, SIDES};
 use super::region::round;
 use crate::num::poly::{TERMS, evaluate};
 use crate::num::{Real, Scalar};
 
-/// Half the distance between the ends of a row of voxels' centres.
-const HALF_ROW: f64 = 3.5;
+/// From the line through a batch's middle, along z, to its voxels' centres.
+const ASIDE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// How far past its bounds a voxel must be to be left out, in voxels and relative to its distance: well beyond what single
 /// precision makes of a foot's place, here and in the search.
 pub(super) const SLACK: f64 = 0.002;
@@ -25,10 +25,10 @@ pub(crate) struct Near<T> {
     reach: [T; 3],
     /// 1 over the square of what a step of one voxel along z takes a voxel away from the line, and that square.
     away: [T; 2],
-    /// At the row (x, y), `start[0] + start[1] x + start[2] y` is at most 0 where the foot of one of its voxels may lie
-    /// past the piece's start, and the same of `end` at least 0 where before its end.
-    start: [T; 3],
-    end: [T; 3],
+    /// At the batch whose middle is (x, y, z), `start[0] + start[1] x + start[2] y + start[3] z` is at most 0 where the foot of one
+    /// of its voxels may lie past the piece's start, and the same of `end` at least 0 where before its end.
+    start: [T; 4],
+    end: [T; 4],
 }
 
 impl<T: Scalar> Near<T> {
@@ -57,7 +57,7 @@ impl<T: Scalar> Near<T> {
                 let at = evaluate(q, eta);
                 let d1 = q[1] + (q[2] * 2.0 + q[3] * (3.0 * eta)) * eta;
                 let slack = d1.length() * (SLACK + RELATIVE * (at.length() + largest));
-                [at.dot(d1) + side * (HALF_ROW * d1.z.abs() + slack), -d1.x, -d1.y]
+                [at.dot(d1) + side * (spread(d1) + slack), -d1.x, -d1.y, -d1.z]
             };
             near.start = round(plane(range[0], -1.0));
             near.end = round(plane(range[1], 1.0));
@@ -68,7 +68,7 @@ impl<T: Scalar> Near<T> {
             let pace = q[1].length() - 2.0 * first - 3.0 * most * second;
             if lean < pace {
                 let slope = slope / q[1].length();
-                let ahead = largest * lean / pace + (first + most * second) * most + HALF_ROW * along.z.abs();
+                let ahead = largest * lean / pace + (first + most * second) * most + spread(along);
                 let here = level + varies + slope.abs() * ahead + strays;
                 near.reach = round([slacked(here, centre), slope, slacked(largest + strays, centre)]);
             }
@@ -80,7 +80,7 @@ impl<T: Scalar> Near<T> {
     pub(super) fn point(centre: DVec3, radius: f64, plane: f64, normal: DVec3) -> Near<T> {
         let slack = normal.length() * (SLACK + RELATIVE * (centre.length() + radius));
         Near {
-            end: round([plane + HALF_ROW * normal.z.abs() + slack, normal.x, normal.y]),
+            end: round([plane + spread(normal) + slack, normal.x, normal.y, normal.z]),
             ..Near::line(centre, DVec3::ZERO, radius)
         }
     }
@@ -93,89 +93,73 @@ impl<T: Scalar> Near<T> {
             along: round(along.into()),
             reach: round([reach, 0.0, reach]),
             away: round([if away > 1e-6 { 1.0 / away } else { 0.0 }, away]),
-            start: round([-1.0, 0.0, 0.0]),
-            end: round([1.0, 0.0, 0.0]),
+            start: round([-1.0, 0.0, 0.0, 0.0]),
+            end: round([1.0, 0.0, 0.0, 0.0]),
         }
     }
 }
 
-/// A radius, with what single precision may make of a distance to a line through `centre`.
-fn slacked(radius: f64, centre: DVec3) -> f64 {
-    radius + SLACK + RELATIVE * (radius + centre.length())
+/// How far along a vector, times its length, a batch's voxels lie from its middle.
+fn spread(vector: DVec3) -> f64 {
+    DVec3::from(HALF).dot(vector.abs())
 }
 
-/// The rows that may hold such voxels: bit `8 x + y` of the row at (x, y).
+/// A radius around a line through `centre`, for the line through a batch's middle in place of its voxels, with what single
+/// precision may make of a distance to the former.
+fn slacked(radius: f64, centre: DVec3) -> f64 {
+    radius + ASIDE + SLACK + RELATIVE * (radius + centre.length())
+}
+
+/// The batches that may hold such voxels.
 #[inline(always)]
-#[allow(clippy::cast_precision_loss, reason = "indices below 64")]
-pub(super) fn rows<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers: &[R::Scalar]) -> u64 {
-    let (zero, half) = (R::constant(token, 0.0), R::constant(token, HALF_ROW));
-    let number = R::load(token, numbers);
-    let lane_x = (number * R::constant(token, 0.125)).floor();
-    let lane_y = number - lane_x * R::constant(token, 8.0);
+#[allow(clippy::cast_precision_loss, reason = "below 32")]
+pub(super) fn batches<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers: &[R::Scalar]) -> Batches {
+    let (zero, half) = (R::constant(token, 0.0), R::constant(token, HALF[2]));
     let [along_x, along_y, along_z] = near.along.map(|a| R::splat(token, a));
-    let from_z = -R::splat(token, near.centre[2]);
-    let mut rows = 0;
-    for first in (0..EDGE * EDGE).step_by(R::LANES) {
-        let x = lane_x + R::constant(token, (first / EDGE) as f64 - 3.5);
-        let y = lane_y + R::constant(token, (first % EDGE) as f64 - 3.5);
-        // From the line, across it, to the middle of the row, and on to the nearest of the row's places.
-        let (from_x, from_y) = (x - R::splat(token, near.centre[0]), y - R::splat(token, near.centre[1]));
+    let mut found = 0;
+    for first in (0..BATCHES).step_by(R::LANES) {
+        let [x, y, z] = middles(token, R::load(token, numbers) + R::constant(token, first as f64));
+        // From the line, across it, to the batch's middle, and on along z to the nearest between its voxels.
+        let from_x = x - R::splat(token, near.centre[0]);
+        let from_y = y - R::splat(token, near.centre[1]);
+        let from_z = z - R::splat(token, near.centre[2]);
         let past = from_x * along_x + from_y * along_y + from_z * along_z;
         let (x_off, y_off, z_off) =
             (from_x - past * along_x, from_y - past * along_y, from_z - past * along_z);
-        let z = (zero - z_off * R::splat(token, near.away[0])).within(-half, half);
+        let step = (zero - z_off * R::splat(token, near.away[0])).within(-half, half);
         let distance = x_off * x_off
             + y_off * y_off
             + z_off * z_off
-            + z * (z_off + z_off + z * R::splat(token, near.away[1]));
-        let start = plane(token, &near.start, x, y);
-        let end = plane(token, &near.end, x, y);
+            + step * (z_off + z_off + step * R::splat(token, near.away[1]));
+        let start = plane(token, &near.start, [x, y, z]);
+        let end = plane(token, &near.end, [x, y, z]);
         let reach = R::splat(token, near.reach[0]) + R::splat(token, near.reach[1]) * past;
         let reach = reach.within(zero, R::splat(token, near.reach[2]));
         let outside = R::or((reach * reach).lt(distance), R::or(zero.lt(start), end.lt(zero)));
-        rows |= u64::from(R::bitmask(R::not(outside))) << first;
+        found |= R::bitmask(R::not(outside)) << first;
     }
-    rows
+    Batches(found)
+}
+
+/// The middles of batches, in voxels from the block's centre.
+#[inline(always)]
+#[allow(clippy::cast_precision_loss, reason = "below 8")]
+fn middles<R: Real>(token: R::Token, batch: R) -> [R; 3] {
+    let plane = (batch * R::constant(token, 0.125)).floor();
+    let row = (batch * R::constant(token, 0.5)).floor();
+    let number = [plane, row - plane * R::constant(token, 4.0), batch - (row + row)];
+    let mut middles = number;
+    for axis in 0..3 {
+        let step = R::constant(token, SIDES[axis] as f64);
+        middles[axis] = number[axis] * step + R::constant(token, HALF[axis] - 3.5);
+    }
+    middles
 }
 
 #[inline(always)]
-fn plane<R: Real>(token: R::Token, plane: &[R::Scalar; 3], x: R, y: R) -> R {
-    R::splat(token, plane[0]) + x * R::splat(token, plane[1]) + y * R::splat(token, plane[2])
-}
-
-/// The batches that have voxels of some rows, or where batches are shorter than a row, the rows: bit r for one that begins at
-/// row r.
-///
-/// Loops go from one set bit to the next, and do not ask about each batch: the answers follow no pattern that a processor could
-/// guess.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Batches(u64);
-
-impl Batches {
-    #[inline(always)]
-    pub(super) fn of<R: Real>(rows: u64) -> Batches {
-        // A batch of sixteen lanes is a pair of rows.
-        Batches(if R::LANES > EDGE { (rows | rows >> 1) & 0x5555_5555_5555_5555 } else { rows })
-    }
-
-    /// How many lanes they have.
-    #[inline(always)]
-    pub(super) fn lanes<R: Real>(self) -> u64 {
-        u64::from(self.0.count_ones()) * Batches::size::<R>() as u64
-    }
-
-    /// Takes the first of them: the voxels from one to another.
-    #[inline(always)]
-    pub(super) fn take<R: Real>(&mut self) -> Option<[usize; 2]> {
-        if self.0 == 0 {
-            return None;
-        }
-        let first = self.0.trailing_zeros() as usize * EDGE;
-        self.0 &= self.0 - 1;
-        Some([first, first + Batches::size::<R>()])
-    }
-
-    const fn size<R: Real>() -> usize {
-        if R::LANES > EDGE { R::LANES } else { EDGE }
-    }
+fn plane<R: Real>(token: R::Token, plane: &[R::Scalar; 4], [x, y, z]: [R; 3]) -> R {
+    R::splat(token, plane[0])
+        + x * R::splat(token, plane[1])
+        + y * R::splat(token, plane[2])
+        + z * R::splat(token, plane[3])
 }

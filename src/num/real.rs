@@ -11,8 +11,8 @@
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use fearless_simd::{
-    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, f32x4, f32x16, i32x16,
-    mask32x16, u32x16,
+    Bytes, Select, Simd, SimdBase, SimdCombine, SimdFloat, SimdInt, SimdMask, SimdSplit, f32x4, f32x8,
+    f32x16, i32x16, mask32x16, u32x16,
 };
 
 /// The product's arithmetic: sixteen `f32` lanes at the instruction set of `S`.
@@ -143,6 +143,10 @@ pub trait Real:
     /// The opposite of [`Real::compress`]: the first lanes, in order, moved to where `mask` is set; 0 elsewhere.
     fn expand(self, mask: Self::Mask) -> Self;
 
+    /// The first quarters of both, then their second quarters; and the same of the third and the fourth. (A single lane has none:
+    /// both are returned as they are.)
+    fn zip_quarters(self, other: Self) -> [Self; 2];
+
     /// The four numbers from each lane's place in `from` on: the first of every lane, the second, and so on. Places too near to
     /// its end are taken to be the last from which there are four.
     fn runs<const N: usize>(token: Self::Token, from: &[Self::Scalar; N], places: Self::Bits) -> [Self; 4];
@@ -220,6 +224,13 @@ pub trait Real:
     }
 }
 
+/// The first halves of both, then their second halves.
+#[inline(always)]
+fn zip_halves<S: Simd>(a: f32x8<S>, b: f32x8<S>) -> f32x16<S> {
+    let (a, b) = (a.split(), b.split());
+    a.0.combine(b.0).combine(a.1.combine(b.1))
+}
+
 /// Four numbers from a place on.
 #[inline(always)]
 fn four<S: Simd, const N: usize>(token: S, from: &[f32; N], place: u32) -> f32x4<S> {
@@ -266,6 +277,11 @@ impl<S: Simd> Real for f32x16<S> {
     #[inline(always)]
     fn expand(self, mask: Self::Mask) -> Self {
         <Self as SimdBase<S>>::expand(self, mask)
+    }
+    #[inline(always)]
+    fn zip_quarters(self, other: Self) -> [Self; 2] {
+        let (a, b) = (self.split(), other.split());
+        [zip_halves(a.0, b.0), zip_halves(a.1, b.1)]
     }
     #[inline(always)]
     fn runs<const N: usize>(token: S, from: &[f32; N], places: u32x16<S>) -> [Self; 4] {
@@ -480,6 +496,10 @@ impl Real for f64 {
     #[inline(always)]
     fn expand(self, mask: bool) -> f64 {
         if mask { self } else { 0.0 }
+    }
+    #[inline(always)]
+    fn zip_quarters(self, other: f64) -> [f64; 2] {
+        [self, other]
     }
     #[inline(always)]
     fn runs<const N: usize>((): (), from: &[f64; N], place: u32) -> [f64; 4] {
