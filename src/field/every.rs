@@ -8,7 +8,7 @@ use super::VOXELS;
 use super::batch::{BATCH, BATCHES, Batches};
 use super::feet::{Rows, across, newton};
 use super::join;
-use super::kernel::{self, Counts, Places, Scratch, along, envelope, map, pack, turned};
+use super::kernel::{self, Counts, Places, Scratch, along, envelope, find, map, own, pack, turned};
 use super::layers::{layers, pack_places};
 use super::region::{FOOT, Piece, Region, Search, U, V};
 use crate::num::Real;
@@ -46,7 +46,8 @@ pub fn evaluate<R: Real>(
             Some(packed) => packed,
             None => {
                 let near = Batches::first(count);
-                map::<R>(token, piece, places, near, false, scratch, &mut counts)
+                find::<R>(token, piece, places, near, scratch, &mut counts);
+                map::<R>(token, piece, places, near, false, scratch)
             }
         };
         if piece.in_world {
@@ -108,12 +109,13 @@ fn between<R: Real>(
         let part = if is_exact { 0.0 } else { (batch - from) as f64 / (to - from) as f64 };
         let part = R::constant(token, part);
         let (from, to) = (from * BATCH, to * BATCH);
-        let eta = mix(R::load(token, scratch.eta.part(from)), R::load(token, scratch.eta.part(to)), part);
-        let mut found = [one; 3];
-        for (found, stored) in found.iter_mut().zip(&scratch.displaced) {
-            *found = mix(R::load(token, stored.part(from)), R::load(token, stored.part(to)), part);
+        let found = mix(R::load(token, scratch.eta.part(from)), R::load(token, scratch.eta.part(to)), part);
+        let eta = own(token, piece, found);
+        let mut coordinates = [one; 3];
+        for (coordinate, stored) in coordinates.iter_mut().zip(&scratch.displaced) {
+            *coordinate = mix(R::load(token, stored.part(from)), R::load(token, stored.part(to)), part);
         }
-        let [u, v, height] = found;
+        let [u, v, height] = coordinates;
         let q = u * u + v * v;
         let inside = R::and(R::from_bitmask(token, lanes), q.le(one));
         let bits = R::bitmask(inside);
@@ -175,7 +177,7 @@ fn exactly<R: Real>(
         if !near.have(batch) {
             continue;
         }
-        let eta = R::load(token, scratch.eta.part(index));
+        let eta = own(token, piece, R::load(token, scratch.eta.part(index)));
         *valid = R::bitmask(R::and(lo.le(eta), eta.le(hi)));
         if *valid == 0 {
             continue;

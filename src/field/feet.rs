@@ -1,7 +1,7 @@
 //! Feet: where each voxel of a block has its nearest place on a piece of an axis.
 
 use super::batch::{self, BATCH, BATCHES, Batches};
-use super::kernel::{Places, Scratch};
+use super::kernel::{Places, Scratch, own};
 use super::region::{FOOT, Piece, ROWS, U, V};
 use crate::num::poly::TERMS;
 use crate::num::{Real, Scalar};
@@ -231,7 +231,8 @@ pub(super) fn bracket<R: Real>(
 ) {
     let mut rows = Rows::<R>::new(token, piece, places, &scratch.numbers);
     let zero = R::constant(token, 0.0);
-    let ends = [R::splat(token, piece.range[0]), R::splat(token, piece.range[1])];
+    let range = piece.shared.as_ref().map_or(piece.range, |shared| shared.range);
+    let ends = [R::splat(token, range[0]), R::splat(token, range[1])];
     let one = R::constant(token, 1.0);
     let no_foot = R::constant(token, NO_FOOT);
     while let Some([start, end]) = near.take() {
@@ -246,8 +247,9 @@ pub(super) fn bracket<R: Real>(
             if R::bitmask(falls) != 0 {
                 // The distance is largest there, not least.
                 let farthest = zero_between(token, &equation, [hi, lo]);
-                let u = across::<R, TERMS>(token, &rows, U, farthest);
-                let v = across::<R, TERMS>(token, &rows, V, farthest);
+                let at = own(token, piece, farthest);
+                let u = across::<R, TERMS>(token, &rows, U, at);
+                let v = across::<R, TERMS>(token, &rows, V, at);
                 scratch.joint.beyond[index / R::LANES] |= R::bitmask(R::and(falls, (u * u + v * v).le(one)));
             }
             // Near the focal set the equation may dip below zero and come back, or rise above it, between ends of one sign.
@@ -262,8 +264,9 @@ pub(super) fn bracket<R: Real>(
                 lo = R::select(dips, extremum, lo);
                 hi = R::select(rises, extremum, hi);
                 // A foot and a place where the distance is largest lie side by side.
-                let u = across::<R, TERMS>(token, &rows, U, extremum);
-                let v = across::<R, TERMS>(token, &rows, V, extremum);
+                let at = own(token, piece, extremum);
+                let u = across::<R, TERMS>(token, &rows, U, at);
+                let v = across::<R, TERMS>(token, &rows, V, at);
                 let pairs = R::and(R::or(dips, rises), (u * u + v * v).le(one));
                 scratch.joint.beyond[index / R::LANES] |= R::bitmask(pairs);
                 let (g_lo, _) = equation.at::<true>(lo);

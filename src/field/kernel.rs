@@ -176,25 +176,36 @@ pub fn evaluate<R: Real>(
         if apart {
             join::open(&mut scratch.joint);
         }
-        for piece in &region.pieces[tube.pieces[0]..tube.pieces[1]] {
+        let mut rest = &region.pieces[tube.pieces[0]..tube.pieces[1]];
+        while let [piece, ..] = rest {
+            // Those that share their feet.
+            let mut count = 1;
+            while count < rest.len() && rest[count].shares_with(piece) {
+                count += 1;
+            }
+            let pieces = &rest[..count];
+            rest = &rest[count..];
             let near = match places {
-                Places::Centres => near::batches::<R>(token, &piece.near, &scratch.numbers),
+                Places::Centres => near::any::<R>(token, pieces, &scratch.numbers),
                 Places::Points([x, ..]) => Batches::first(x.len()),
             };
             if near.are_none() {
                 continue;
             }
-            let packed = map::<R>(token, piece, places, near, apart, scratch, &mut counts);
-            if piece.in_world {
-                pack_places::<R>(token, places, scratch);
+            find::<R>(token, piece, places, near, scratch, &mut counts);
+            for piece in pieces {
+                let packed = map::<R>(token, piece, places, near, apart, scratch);
+                if piece.in_world {
+                    pack_places::<R>(token, places, scratch);
+                }
+                layers::<R>(token, region, piece.layers, scratch, packed);
+                if apart {
+                    join::feet::<R>(token, tube, piece.arc, scratch);
+                } else {
+                    join::larger::<R>(token, scratch);
+                }
+                counts.inside += packed as u64;
             }
-            layers::<R>(token, region, piece.layers, scratch, packed);
-            if apart {
-                join::feet::<R>(token, tube, piece.arc, scratch);
-            } else {
-                join::larger::<R>(token, scratch);
-            }
-            counts.inside += packed as u64;
         }
         if let Some(rule) = region.join {
             join::close::<R>(token, tube.overlap, rule, &mut scratch.joint, &mut scratch.block);
@@ -210,23 +221,19 @@ pub fn evaluate<R: Real>(
     counts
 }
 
-/// The first two passes: coordinates and envelope of the voxels inside, packed; returns their number. Of the batches
-/// `near` only.
+/// The first pass: feet, if they are to be found. Of the batches `near` only.
 #[inline(always)]
-pub(super) fn map<R: Real>(
+pub(super) fn find<R: Real>(
     token: R::Token,
     piece: &Piece<R::Scalar>,
     places: Places<R::Scalar>,
     near: Batches,
-    apart: bool,
     scratch: &mut Scratch<R::Scalar>,
     counts: &mut Counts,
-) -> usize {
+) {
     counts.searched += near.voxels();
     let settled = match piece.search {
-        Search::Point { is_corner } => {
-            return at_point::<R>(token, piece, places, near, is_corner, apart, scratch);
-        }
+        Search::Point { .. } => return,
         Search::Newton { cubic: false } => newton::<R, false>(token, piece, places, near, scratch),
         Search::Newton { cubic: true } => newton::<R, true>(token, piece, places, near, scratch),
         Search::Bracket => false,
@@ -235,7 +242,21 @@ pub(super) fn map<R: Real>(
         counts.bisected += near.voxels();
         bracket::<R>(token, piece, places, near, scratch);
     }
-    if piece.is_cubic {
+}
+
+/// The second pass: coordinates and envelope of the voxels inside, packed; returns their number. Of the batches `near` only.
+#[inline(always)]
+pub(super) fn map<R: Real>(
+    token: R::Token,
+    piece: &Piece<R::Scalar>,
+    places: Places<R::Scalar>,
+    near: Batches,
+    apart: bool,
+    scratch: &mut Scratch<R::Scalar>,
+) -> usize {
+    if let Search::Point { is_corner } = piece.search {
+        at_point::<R>(token, piece, places, near, is_corner, apart, scratch)
+    } else if piece.is_cubic {
         coordinates::<R, 4>(token, piece, places, near, apart, scratch)
     } else {
         coordinates::<R, TERMS>(token, piece, places, near, apart, scratch)
@@ -260,7 +281,8 @@ fn coordinates<R: Real, const N: usize>(
     scratch.inside[..VOXELS / R::LANES].fill(0);
     while let Some([start, end]) = near.take() {
         for index in (start..end).step_by(R::LANES) {
-            let eta = R::load(token, scratch.eta.part(index));
+            let found = R::load(token, scratch.eta.part(index));
+            let eta = own(token, piece, found);
             let in_range = R::and(lo.le(eta), eta.le(hi));
             if R::bitmask(in_range) == 0 {
                 continue;
@@ -282,7 +304,7 @@ fn coordinates<R: Real, const N: usize>(
             }
             let mut fade = one;
             if let Some(speed) = &piece.speed {
-                let narrowing = narrowing(token, &rows, speed, eta);
+                let narrowing = narrowing(token, &rows, speed, found);
                 fade = smoothstep(token, narrowing * R::constant(token, 5.0));
                 if piece.is_faded {
                     weight = weight * fade;
@@ -305,6 +327,15 @@ fn coordinates<R: Real, const N: usize>(
         }
     }
     packed
+}
+
+/// The parameter in a piece of a foot on the interval that its pieces share.
+#[inline(always)]
+pub(super) fn own<R: Real>(token: R::Token, piece: &Piece<R::Scalar>, eta: R) -> R {
+    match &piece.shared {
+        Some(shared) => R::splat(token, shared.own[0]) + R::splat(token, shared.own[1]) * eta,
+        None => eta,
+    }
 }
 
 /// The same where the foot is the end of a curve, or a corner.

@@ -7,7 +7,9 @@ use glam::DVec3;
 use super::cover::{Capsule, Reach, support};
 use super::detail::Place;
 use super::near::{Near, SLACK};
-use super::region::{self, FOOT, Part, Piece, ROWS, Region, SECOND, Search, Turn, Twist, U, V, round};
+use super::region::{
+    self, FOOT, Part, Piece, ROWS, Region, SECOND, Search, Shared, Turn, Twist, U, V, round,
+};
 use super::span::{LEAST_RADIUS, Span};
 use super::tube::{CORNER, PointKind, Tube};
 use super::{EDGE, Extent, Field, Lattice};
@@ -33,6 +35,9 @@ const OVERLAP: f64 = 1e-3;
 /// their polynomials mean nothing a voxel away. What bends so much also places feet this well.
 const PAST: f64 = 0.01;
 
+/// Pieces do not share the feet of an interval so many times as long: single precision would not place them well enough.
+const LONGEST: f64 = 1e3;
+
 /// The part of a piece, beside a place where the axis stands still, that has no feet. There `(C - p) . C' = 0` for every p,
 /// and no distance need be least; as the axis moves away from there by the square of this, no foot is lost.
 const STANDING: f64 = 1e-4;
@@ -55,6 +60,7 @@ const ROUNDING: f64 = 3e-7;
 /// An interval of t with the largest radius on it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Interval {
+    segment: usize,
     t: [f64; 2],
     radius: f64,
     /// Index of a span that does not begin behind it.
@@ -63,6 +69,10 @@ pub(crate) struct Interval {
     certified: bool,
     /// A lower bound of g' on it, of voxels within the radius.
     slope: f64,
+    /// The same over the square of the speed: of `1 - kappa rho cos`.
+    focal: f64,
+    /// The Newton step, in voxels, after which a foot on it is found.
+    settled: f64,
 }
 
 /// The block in world space.
@@ -105,6 +115,7 @@ impl Field {
         region.layers.clear();
         region.sums.clear();
         region.octaves.clear();
+        region.shared = 0;
         let h = lattice.voxel_size;
         #[allow(clippy::cast_precision_loss, reason = "block coordinates fit 29 bits")]
         let centre = DVec3::from(block.map(|b| (b as f64 + 0.5) * 8.0 * h));
@@ -165,11 +176,14 @@ impl Field {
     fn interval<T: Scalar>(&self, tube: &Tube, capsule: &Capsule, block: Block, region: &mut Region<T>) {
         let segment = &tube.curve.segments()[capsule.part as usize];
         let whole = Interval {
+            segment: capsule.part as usize,
             t: capsule.t,
             radius: capsule.radius,
             span: capsule.span as usize,
             certified: false,
             slope: 0.0,
+            focal: 0.0,
+            settled: 0.0,
         };
         let mut found = std::mem::take(&mut region.intervals);
         found.clear();
@@ -177,27 +191,21 @@ impl Field {
         for &interval in &found {
             if interval.certified {
                 if let Some(interval) = clip(segment, interval, block) {
-                    self.spans(tube, capsule.part as usize, interval, block, region);
+                    self.spans(tube, interval, block, region);
                 }
             } else {
-                self.spans(tube, capsule.part as usize, interval, block, region);
+                self.spans(tube, interval, block, region);
             }
         }
         region.intervals = found;
     }
 
     /// Divides the interval into as few pieces as spans hold of it.
-    fn spans<T: Scalar>(
-        &self,
-        tube: &Tube,
-        segment: usize,
-        interval: Interval,
-        block: Block,
-        region: &mut Region<T>,
-    ) {
-        let spans = &tube.spans[segment][interval.span..];
+    fn spans<T: Scalar>(&self, tube: &Tube, interval: Interval, block: Block, region: &mut Region<T>) {
+        let spans = &tube.spans[interval.segment][interval.span..];
         let before = spans.iter().take_while(|span| span.core[1] <= interval.t[0]).count();
         let mut rest = &spans[before..];
+        let mut shared = None;
         while let Some(first) = rest.first() {
             let [start, end] = [interval.t[0].max(first.core[0]), interval.t[1]];
             if start > end || (start == end && end > interval.t[0]) {
@@ -205,25 +213,30 @@ impl Field {
             }
             let (span, count) = longest(rest, [start, end]);
             let t = [start, end.min(rest[count - 1].core[1])];
-            self.piece(tube, segment, span, Interval { t, ..interval }, block, region);
+            if interval.certified && t != interval.t && shared.is_none() {
+                shared = Some(Feet::new(span, interval.t, block));
+                region.shared += 1;
+            }
+            self.piece(tube, span, Interval { t, ..interval }, shared.as_ref(), block, region);
             rest = &rest[count..];
         }
     }
 
+    /// The piece of an interval that one span holds, with the feet of a longer one if they are `shared`.
     fn piece<T: Scalar>(
         &self,
         tube: &Tube,
-        segment: usize,
         span: &Span,
         interval: Interval,
+        shared: Option<&Feet>,
         block: Block,
         region: &mut Region<T>,
     ) {
-        let h = block.h;
-        // From tau to eta, which runs over [-1, 1].
-        let centre = (0.5 * (interval.t[0] + interval.t[1]) - span.middle) / span.half;
-        let scale = (0.5 * (interval.t[1] - interval.t[0]) / span.half).max(f64::MIN_POSITIVE);
-        let position = substitute(&span.position, centre, scale);
+        let (h, segment) = (block.h, interval.segment);
+        let own = Feet::new(span, interval.t, block);
+        let shared = shared.filter(|feet| feet.to(interval.t)[1] < LONGEST);
+        let feet = shared.unwrap_or(&own);
+        let [centre, scale] = stretch(span, interval.t);
         let from_axis = block.centre - span.position[0];
 
         let mut base = [0.0; ROWS];
@@ -239,16 +252,8 @@ impl Field {
             }
         }
 
-        // g = (q - x) . q' with q the axis from the block's centre in voxels.
-        let mut q = position.map(|c| c * (1.0 / h));
-        q[0] = (position[0] - block.centre) * (1.0 / h);
-        let dq = [q[1], q[2] * 2.0, q[3] * 3.0];
-        let mut g = [0.0; 6];
-        for (i, a) in q.iter().enumerate() {
-            for (j, b) in dq.iter().enumerate() {
-                g[i + j] += a.dot(*b);
-            }
-        }
+        let dq = feet.slope();
+        let g = feet.equation(&dq);
         for k in 0..3 {
             base[FOOT + k] = g[k];
             for axis in 0..3 {
@@ -278,18 +283,6 @@ impl Field {
             Twist { rate: T::from_f64(rate), most }
         });
 
-        let cubic = q[3] != DVec3::ZERO;
-        let speed = {
-            let mut speed = [0.0; 5];
-            for (i, a) in dq.iter().enumerate() {
-                for (j, b) in dq.iter().enumerate() {
-                    speed[i + j] += a.dot(*b);
-                }
-            }
-            speed
-        };
-        let voxels = dq[0].length().max(speed.iter().sum::<f64>().max(0.0).sqrt()).max(f64::MIN_POSITIVE);
-
         let s = [-1.0, 1.0].map(|eta| span.arc_middle + evaluate(&arc, eta));
         let mut radius = substitute(&span.radius, centre, scale).map(|r| r / h);
         let mut gain = span.gain.map(|gain| substitute(&gain, centre, scale));
@@ -305,15 +298,14 @@ impl Field {
             [&mut height, &mut radius].into_iter().chain(&mut gain).for_each(to_cubic);
         }
 
-        let bounds = Bounds::new(segment_of(tube, segment), interval, block);
-        let is_hard = !interval.certified || bounds.focal() < FOCAL;
+        let is_hard = interval.focal < FOCAL && is_hard(segment_of(tube, segment), interval, block);
         let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
-        let margin = (OVERLAP / voxels).min(PAST);
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
         let [starts, ends] = stands(segment_of(tube, segment), interval.t);
         if starts && ends {
             return;
         }
+        let margin = own.margin();
         let range = [
             match (starts, cut && is_first && interval.t[0] <= 0.0) {
                 (true, _) => STANDING - 1.0,
@@ -326,9 +318,9 @@ impl Field {
                 _ => 1.0 + margin,
             },
         ];
-        let mut away = block.distances(position[0]);
+        let mut away = block.distances(block.centre + own.q[0] * h);
         // How far from its middle the piece reaches, and a little past its ends.
-        let strays = 1.05 * (position[1].length() + position[2].length() + position[3].length());
+        let strays = 1.05 * h * (own.q[1].length() + own.q[2].length() + own.q[3].length());
         away[0] -= strays;
         if !interval.certified {
             // The foot need not be the nearest place of the piece.
@@ -351,18 +343,27 @@ impl Field {
         });
         let is_full = tube.conserve == Conserve::Full;
         region.pieces.push(Piece {
-            near: Near::piece(&q, range, &radius, interval.certified),
-            search: if interval.certified { Search::Newton { cubic } } else { Search::Bracket },
+            near: Near::piece(&own.q, range, &radius, interval.certified),
+            search: if interval.certified {
+                Search::Newton { cubic: feet.q[3] != DVec3::ZERO }
+            } else {
+                Search::Bracket
+            },
+            shared: shared.map(|feet| Shared {
+                number: region.shared,
+                own: round(feet.to(interval.t)),
+                range: round([-1.0 - feet.margin(), 1.0 + feet.margin()]),
+            }),
             base: round(base),
             slope: slope.map(round),
             foot: round([g[3], g[4], g[5]]),
             is_cubic,
             range: round(range),
-            tolerance: T::from_f64(bounds.settled_step() / voxels),
+            tolerance: T::from_f64(interval.settled / feet.voxels),
             height: round(height),
             twist,
             radius: round(radius),
-            speed: (is_hard || is_full).then(|| round(speed)),
+            speed: (is_hard || is_full).then(|| round(speed(&dq))),
             is_faded: is_hard && tube.overlap != Overlap::Closest,
             is_full,
             gain: gain.map(round),
@@ -456,6 +457,7 @@ impl Field {
         region.pieces.push(Piece {
             near: Near::point(centre, section.radius / block.h, base[FOOT], rows[2] * block.h),
             search,
+            shared: None,
             base: round(base),
             slope: slope.map(round),
             foot: round([0.0; 3]),
@@ -477,6 +479,72 @@ impl Field {
             in_world,
         });
     }
+}
+
+/// What finds feet on an interval of an axis, whose parameter eta runs over [-1, 1].
+struct Feet {
+    t: [f64; 2],
+    /// The axis from the block's centre, in voxels.
+    q: [DVec3; 4],
+    /// Voxels per unit of eta, in the middle or at the end.
+    voxels: f64,
+}
+
+impl Feet {
+    /// `span` is any of the interval's segment.
+    fn new(span: &Span, t: [f64; 2], block: Block) -> Feet {
+        let [centre, scale] = stretch(span, t);
+        let position = substitute(&span.position, centre, scale);
+        let mut q = position.map(|c| c * (1.0 / block.h));
+        q[0] = (position[0] - block.centre) * (1.0 / block.h);
+        let fastest = q[1].length_squared().max((q[1] + q[2] * 2.0 + q[3] * 3.0).length_squared());
+        Feet { t, q, voxels: fastest.sqrt().max(f64::MIN_POSITIVE) }
+    }
+
+    /// `q'`.
+    fn slope(&self) -> [DVec3; 3] {
+        [self.q[1], self.q[2] * 2.0, self.q[3] * 3.0]
+    }
+
+    /// `g = q . q'`, of the block's centre.
+    fn equation(&self, dq: &[DVec3; 3]) -> [f64; 6] {
+        let mut g = [0.0; 6];
+        for (i, a) in self.q.iter().enumerate() {
+            for (j, b) in dq.iter().enumerate() {
+                g[i + j] += a.dot(*b);
+            }
+        }
+        g
+    }
+
+    /// How far past its ends feet are accepted.
+    fn margin(&self) -> f64 {
+        (OVERLAP / self.voxels).min(PAST)
+    }
+
+    /// From its parameter to that of a part of it: a constant and a factor.
+    fn to(&self, part: [f64; 2]) -> [f64; 2] {
+        let middle = |t: [f64; 2]| 0.5 * (t[0] + t[1]);
+        let half = |t: [f64; 2]| (0.5 * (t[1] - t[0])).max(f64::MIN_POSITIVE);
+        [(middle(self.t) - middle(part)) / half(part), half(self.t) / half(part)]
+    }
+}
+
+/// From a span's parameter to one that runs over [-1, 1] on an interval: what the former is in the middle, and the factor.
+fn stretch(span: &Span, t: [f64; 2]) -> [f64; 2] {
+    let centre = (0.5 * (t[0] + t[1]) - span.middle) / span.half;
+    [centre, (0.5 * (t[1] - t[0]) / span.half).max(f64::MIN_POSITIVE)]
+}
+
+/// `|q'|^2`.
+fn speed(dq: &[DVec3; 3]) -> [f64; 5] {
+    let mut speed = [0.0; 5];
+    for (i, a) in dq.iter().enumerate() {
+        for (j, b) in dq.iter().enumerate() {
+            speed[i + j] += a.dot(*b);
+        }
+    }
+    speed
 }
 
 /// Whether u and v are polynomials of degree 3 all over the block, nearly.
@@ -577,8 +645,8 @@ fn axial<T: Scalar>(tube: &Tube, [first, last]: [f64; 2], origin: f64) -> [Optio
 /// At which of two places the axis stands still: in a cusp or fold, or at an end where control points coincide.
 fn stands(segment: &Segment, t: [f64; 2]) -> [bool; 2] {
     let [_, a, b, c] = segment.power();
-    let still = 1e-9 * (a.length() + 2.0 * b.length() + 3.0 * c.length());
-    t.map(|t| segment.d1(t).length_squared() <= still * still)
+    let still = 1e-18 * (a.length_squared() + 4.0 * b.length_squared() + 9.0 * c.length_squared());
+    t.map(|t| segment.d1(t).length_squared() <= still)
 }
 
 fn segment_of(tube: &Tube, segment: usize) -> &Segment {
@@ -599,7 +667,8 @@ fn refine(segment: &Segment, interval: Interval, block: Block, depth: u32, found
         return;
     }
     let slope = least_slope(&reach, block, distance);
-    let certified = slope > CERTAIN * reach.speed * reach.speed;
+    let focal = slope / (reach.speed * reach.speed);
+    let certified = focal > CERTAIN;
     let middle = 0.5 * (interval.t[0] + interval.t[1]);
     let is_short = reach.half * reach.speed < 0.5 * SHORTEST * block.h || depth >= DEPTH;
     if certified || is_short {
@@ -607,8 +676,13 @@ fn refine(segment: &Segment, interval: Interval, block: Block, depth: u32, found
             Some(last) if certified && last.certified && last.t[1] == interval.t[0] => {
                 last.t[1] = interval.t[1];
                 last.slope = last.slope.min(slope);
+                last.focal = last.focal.min(focal);
+                last.settled = last.settled.min(settled_step(&reach, slope, distance, block.h));
             }
-            _ => found.push(Interval { certified, slope, ..interval }),
+            _ => {
+                let settled = settled_step(&reach, slope, distance, block.h);
+                found.push(Interval { certified, slope, focal, settled, ..interval });
+            }
         }
         return;
     }
@@ -626,41 +700,27 @@ fn least_slope(reach: &Reach, block: Block, distance: f64) -> f64 {
     here - reach.half * (3.0 * reach.speed * reach.bend + (distance + reach.half * reach.speed) * reach.third)
 }
 
-/// Bounds over an interval and those voxels of the block that may have feet there.
-struct Bounds {
-    reach: Reach,
-    h: f64,
-    /// Largest distance of such a voxel from the middle of the interval.
-    distance: f64,
-    /// Least g'.
-    slope: f64,
+/// Whether the focal fade may be below 1 at some voxel with its foot on the interval.
+fn is_hard(segment: &Segment, interval: Interval, block: Block) -> bool {
+    if !interval.certified {
+        return true;
+    }
+    let reach = Reach::new(segment, interval.t);
+    let slope = least_slope(&reach, block, interval.radius + 2.0 * reach.half * reach.speed);
+    slope < FOCAL * reach.speed * reach.speed
 }
 
-impl Bounds {
-    fn new(segment: &Segment, interval: Interval, block: Block) -> Bounds {
-        let reach = Reach::new(segment, interval.t);
-        let distance = interval.radius + 2.0 * reach.half * reach.speed;
-        Bounds { reach, h: block.h, distance, slope: least_slope(&reach, block, distance) }
-    }
-
-    /// A lower bound of `1 - kappa rho cos`.
-    fn focal(&self) -> f64 {
-        let bound = self.slope / (self.reach.speed * self.reach.speed);
-        if bound.is_nan() { 0.0 } else { bound }
-    }
-
-    /// The Newton step, in voxels, after which the foot is within 1e-5 voxels: each step's error is at most `M / (2 G)`
-    /// times the square of the last's, with M the largest |g''| and G the smallest g'.
-    fn settled_step(&self) -> f64 {
-        const ERROR: f64 = 1e-5;
-        let (reach, distance, h) = (&self.reach, self.distance, self.h);
-        let least = self.slope.max(CERTAIN * reach.speed * reach.speed);
-        let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
-        let step = (ERROR * 2.0 * least * reach.speed / (most * h).max(f64::MIN_POSITIVE)).sqrt();
-        // Single precision resolves a foot to about this much.
-        let floor = 2e-7 * (1.0 + distance / h);
-        step.min(0.1).max(floor)
-    }
+/// The Newton step, in voxels of edge `h`, after which a foot is within 1e-5 voxels, of voxels no farther than `distance` from
+/// the interval's middle: each step's error is at most `M / (2 G)` times the square of the last's, with M the largest |g''| and G
+/// the smallest g', which is `slope`.
+fn settled_step(reach: &Reach, slope: f64, distance: f64, h: f64) -> f64 {
+    const ERROR: f64 = 1e-5;
+    let least = slope.max(CERTAIN * reach.speed * reach.speed);
+    let most = 3.0 * reach.speed * reach.bend + distance * reach.third;
+    let step = (ERROR * 2.0 * least * reach.speed / (most * h).max(f64::MIN_POSITIVE)).sqrt();
+    // Single precision resolves a foot to about this much.
+    let floor = 2e-7 * (1.0 + distance / h);
+    step.min(0.1).max(floor)
 }
 
 /// Shortens a certified interval to the feet of the block's voxels; `None` where it holds none.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::batch::{BATCHES, Batches, HALF, SIDES};
-use super::region::round;
+use super::region::{Piece, round};
 use crate::num::poly::{TERMS, evaluate};
 use crate::num::{Real, Scalar};
 
@@ -110,10 +110,20 @@ fn slacked(radius: f64, centre: DVec3) -> f64 {
     radius + ASIDE + SLACK + RELATIVE * (radius + centre.length())
 }
 
+/// The batches that may hold voxels with feet on any of the pieces.
+#[inline(always)]
+pub(super) fn any<R: Real>(token: R::Token, pieces: &[Piece<R::Scalar>], numbers: &[R::Scalar]) -> Batches {
+    let mut found = 0;
+    for piece in pieces {
+        found |= batches::<R>(token, &piece.near, numbers);
+    }
+    Batches(found)
+}
+
 /// The batches that may hold such voxels.
 #[inline(always)]
 #[allow(clippy::cast_precision_loss, reason = "below 32")]
-pub(super) fn batches<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers: &[R::Scalar]) -> Batches {
+fn batches<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers: &[R::Scalar]) -> u32 {
     let (zero, half) = (R::constant(token, 0.0), R::constant(token, HALF[2]));
     let [along_x, along_y, along_z] = near.along.map(|a| R::splat(token, a));
     let mut found = 0;
@@ -138,7 +148,7 @@ pub(super) fn batches<R: Real>(token: R::Token, near: &Near<R::Scalar>, numbers:
         let outside = R::or((reach * reach).lt(distance), R::or(zero.lt(start), end.lt(zero)));
         found |= R::bitmask(R::not(outside)) << first;
     }
-    Batches(found)
+    found
 }
 
 /// The middles of batches, in voxels from the block's centre.

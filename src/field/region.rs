@@ -31,8 +31,20 @@ pub struct Region<T> {
     pub(crate) octaves: Vec<Octave<T>>,
     /// Of the last tube's pieces, in the order in which they were found.
     pub(crate) parts: Vec<Part>,
+    /// How many intervals have pieces that share their feet.
+    pub(crate) shared: u32,
     /// Memory for the intervals that one part of an axis is divided into.
     pub(crate) intervals: Vec<Interval>,
+}
+
+impl<T> Piece<T> {
+    /// Whether its feet are those of another.
+    pub(crate) fn shares_with(&self, other: &Piece<T>) -> bool {
+        match (&self.shared, &other.shared) {
+            (Some(own), Some(others)) => own.number == others.number,
+            _ => false,
+        }
+    }
 }
 
 impl<T> Region<T> {
@@ -85,6 +97,9 @@ pub(crate) struct Piece<T> {
     /// Where its feet's voxels are.
     pub(crate) near: Near<T>,
     pub(crate) search: Search,
+    /// Where several pieces lie on an interval that has at most one foot of every voxel: they follow each other, and have one
+    /// foot's equation.
+    pub(crate) shared: Option<Shared<T>>,
     pub(crate) base: [T; ROWS],
     pub(crate) slope: [[T; ROWS]; 3],
     pub(crate) foot: [T; 3],
@@ -120,6 +135,17 @@ pub(crate) struct Piece<T> {
     pub(crate) fades: bool,
     /// Some layer is a pattern over the world's coordinates.
     pub(crate) in_world: bool,
+}
+
+/// An interval whose feet are sought for all its pieces at once.
+#[derive(Debug, Clone)]
+pub(crate) struct Shared<T> {
+    /// Tells it from others.
+    pub(crate) number: u32,
+    /// From the interval's eta, which the foot's equation and [`Piece::speed`] are in, to the piece's: a constant and a factor.
+    pub(crate) own: [T; 2],
+    /// The interval's eta that counts.
+    pub(crate) range: [T; 2],
 }
 
 #[derive(Debug, Clone)]
