@@ -3,8 +3,8 @@
 use super::batch::{self, BATCH, BATCHES, Batches};
 use super::kernel::{Places, Scratch, own};
 use super::region::{FOOT, Piece, ROWS, U, V};
+use crate::num::Real;
 use crate::num::poly::TERMS;
-use crate::num::{Real, Scalar};
 
 /// Newton steps that every voxel gets, the first from the piece's middle.
 const STEPS: usize = 2;

@@ -11,6 +11,10 @@ use super::topology::Topology;
 use super::voxel::Voxel;
 use super::{LIBRARY, MAGIC, NAME_SUFFIX, VERSION};
 
+/// Masks of leaves, of 64 bytes each, are written so many bytes at a time: in pieces of 8 KiB a file system may take five times
+/// as long.
+const BUFFER: usize = 128 << 10;
+
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum VdbWriteError {
@@ -94,7 +98,7 @@ impl<W: Write> FileWriter<W> {
     /// [`VdbWriteError::Io`], [`VdbWriteError::Metadata`], [`VdbWriteError::TooLarge`].
     pub fn new(out: W, header: &FileHeader, grids: usize) -> Result<Self, VdbWriteError> {
         let head = head(header, grids)?;
-        let mut out = Counted { inner: BufWriter::new(out), bytes: 0 };
+        let mut out = Counted { inner: BufWriter::with_capacity(BUFFER, out), bytes: 0 };
         out.write_all(&head)?;
         Ok(Self { out, names: vec![], announced: grids })
     }
