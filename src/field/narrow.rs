@@ -35,6 +35,9 @@ const OVERLAP: f64 = 1e-3;
 /// their polynomials mean nothing a voxel away. What bends so much also places feet this well.
 const PAST: f64 = 0.01;
 
+/// Pieces share the feet of an interval where `g'` stays above this fraction of the largest squared speed: it is then nowhere more
+/// than three times what it is elsewhere, and Newton's method, from the middle, does not leave the interval for good.
+const EVEN: f64 = 0.5;
 /// Pieces do not share the feet of an interval so many times as long: single precision would not place them well enough.
 const LONGEST: f64 = 1e3;
 
@@ -213,7 +216,11 @@ impl Field {
             }
             let (span, count) = longest(rest, [start, end]);
             let t = [start, end.min(rest[count - 1].core[1])];
-            if interval.certified && t != interval.t && shared.is_none() {
+            let is_part = interval.certified && t != interval.t;
+            if is_part
+                && shared.is_none()
+                && least_focal(segment_of(tube, interval.segment), interval, block) >= EVEN
+            {
                 shared = Some(Feet::new(span, interval.t, block));
                 region.shared += 1;
             }
@@ -298,7 +305,8 @@ impl Field {
             [&mut height, &mut radius].into_iter().chain(&mut gain).for_each(to_cubic);
         }
 
-        let is_hard = interval.focal < FOCAL && is_hard(segment_of(tube, segment), interval, block);
+        let is_hard =
+            interval.focal < FOCAL && least_focal(segment_of(tube, segment), interval, block) < FOCAL;
         let cut = tube.caps != Caps::Round && !tube.curve.is_closed();
         let (is_first, is_last) = (segment == 0, segment + 1 == tube.spans.len());
         let [starts, ends] = stands(segment_of(tube, segment), interval.t);
@@ -700,14 +708,14 @@ fn least_slope(reach: &Reach, block: Block, distance: f64) -> f64 {
     here - reach.half * (3.0 * reach.speed * reach.bend + (distance + reach.half * reach.speed) * reach.third)
 }
 
-/// Whether the focal fade may be below 1 at some voxel with its foot on the interval.
-fn is_hard(segment: &Segment, interval: Interval, block: Block) -> bool {
+/// A lower bound of `1 - kappa rho cos` at voxels with their foot on the interval, and of `g'` over the largest squared speed; closer
+/// than [`Interval::focal`], which is of all that the interval was clipped from.
+fn least_focal(segment: &Segment, interval: Interval, block: Block) -> f64 {
     if !interval.certified {
-        return true;
+        return 0.0;
     }
     let reach = Reach::new(segment, interval.t);
-    let slope = least_slope(&reach, block, interval.radius + 2.0 * reach.half * reach.speed);
-    slope < FOCAL * reach.speed * reach.speed
+    least_slope(&reach, block, interval.radius + 2.0 * reach.half * reach.speed) / (reach.speed * reach.speed)
 }
 
 /// The Newton step, in voxels of edge `h`, after which a foot is within 1e-5 voxels, of voxels no farther than `distance` from
