@@ -38,6 +38,7 @@ const PAST: f64 = 0.01;
 /// Pieces share the feet of an interval where `g'` stays above this fraction of the largest squared speed: it is then nowhere more
 /// than three times what it is elsewhere, and Newton's method, from the middle, does not leave the interval for good.
 const EVEN: f64 = 0.5;
+
 /// Pieces do not share the feet of an interval so many times as long: single precision would not place them well enough.
 const LONGEST: f64 = 1e3;
 

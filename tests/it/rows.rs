@@ -1,4 +1,4 @@
-//! Rows of voxels that are not searched, because no foot of theirs can lie on a piece of an axis.
+//! Batches of voxels that are not searched, because no foot of theirs can lie on a piece of an axis.
 
 #![allow(clippy::cast_precision_loss, reason = "indices below 512")]
 
@@ -107,7 +107,7 @@ fn rows_that_are_left_out_hold_nothing_in_single_precision() {
 }
 
 /// Where blocks are as long as the spans of an axis, they are not searched once for each that they touch: so the scenes' figures were
-/// 2.08, 2.00 and 1.85. Rows that are partly outside remain.
+/// 2.08, 2.00 and 1.85. Batches that are partly outside remain, and pieces of axes that bend too much to share a search.
 #[test]
 fn coarse_blocks_are_searched_little_more_than_once() {
     for (name, most) in [("tornado", 1.3), ("solar_flare", 1.45), ("galaxy", 1.7)] {
